@@ -1,0 +1,203 @@
+/* See daemon.h. Start, accept, stop; what a request means is requests/'s. */
+#include "daemon.h"
+
+#include "base/log.h"
+#include "requests/call.h"
+#include "requests/handlers.h"
+#include "requests/live.h"
+
+#include <signal.h>
+#include <stdlib.h>
+#include <utlist.h>
+
+enum { IDLE_CHECK_MS = 500 };
+
+static void on_frame(void *user, struct skd_connection *connection, struct skd_frame *frame)
+{
+    struct skd_daemon *daemon = user;
+    skd_route_frame(daemon, connection, frame);
+}
+
+static void on_broken(void *user, struct skd_connection *connection, const struct skd_error *error)
+{
+    const struct skd_request_id none = {.kind = SKD_ID_NONE};
+    (void)user;
+    skd_log(SKD_LOG_WARNING, "connection %llu is closed: %s", (unsigned long long)connection->id,
+            error->text);
+    skd_route_refuse(connection, &none, error);
+}
+
+/* Its calls go on: what a client had sent whole is done, though nobody hears the answer. */
+static void on_closed(void *user, struct skd_connection *connection)
+{
+    struct skd_daemon *daemon = user;
+    struct skd_live *live, *next;
+    HASH_DEL(daemon->connections, connection);
+    HASH_ITER(hh, daemon->sessions, live, next)
+        skd_live_detach(live, connection->id);
+    skd_log(SKD_LOG_DEBUG, "connection %llu is gone", (unsigned long long)connection->id);
+}
+
+static void on_client(uv_stream_t *stream, int status)
+{
+    struct skd_daemon *daemon = stream->data;
+    const struct skd_connection_events events = {daemon, on_frame, on_broken, on_closed};
+    if (status < 0) {
+        skd_log(SKD_LOG_WARNING, "a client could not be accepted: %s", uv_strerror(status));
+        return;
+    }
+    struct skd_connection *connection =
+        skd_connection_accept(stream, ++daemon->next_connection_id, &events);
+    if (connection == NULL)
+        return;
+    HASH_ADD(hh, daemon->connections, id, sizeof connection->id, connection);
+    if (HASH_COUNT(daemon->connections) > SKD_CONNECTIONS_MAX) {
+        struct skd_error error;
+        const struct skd_request_id none = {.kind = SKD_ID_NONE};
+        (void)skd_fail(&error, SKD_BUSY, "%d connections are open, which is the limit",
+                       SKD_CONNECTIONS_MAX);
+        skd_route_refuse(connection, &none, &error);
+        skd_connection_drain(connection);
+        return;
+    }
+    skd_connection_start(connection);
+}
+
+static void on_signal(uv_signal_t *signal, int number)
+{
+    skd_daemon_stop(signal->data, number == SIGINT ? "interrupted" : "told to stop by a signal");
+}
+
+/* Idle: nobody connected, nothing under way, and no session holds weights that were never
+ * exported. */
+static bool is_idle(const struct skd_daemon *daemon)
+{
+    const struct skd_live *live, *next;
+    if (daemon->connections != NULL || daemon->calls != NULL)
+        return false;
+    HASH_ITER(hh, daemon->sessions, live, next)
+    {
+        if (live->session == NULL || live->session->revision != live->session->exported)
+            return false;
+    }
+    return true;
+}
+
+static void on_idle_check(uv_timer_t *timer)
+{
+    struct skd_daemon *daemon = timer->data;
+    uint64_t now = uv_hrtime();
+    if (!is_idle(daemon))
+        daemon->idle_since_ns = now;
+    else if (now - daemon->idle_since_ns >= (uint64_t)daemon->options.idle_exit_s * 1000000000)
+        skd_daemon_stop(daemon, "idle for as long as it was told");
+}
+
+static void say_bye(struct skd_connection *connection, const char *reason)
+{
+    struct skd_encoded encoded;
+    struct skd_error error;
+    cJSON *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(body, "reason", reason);
+    if (skd_encode_notification(skd_connection_mode(connection), "bye", body, NULL, 0, &encoded,
+                                &error) == SKD_OK) {
+        struct skd_outgoing *outgoing = skd_outgoing_create(&encoded, NULL, NULL);
+        if (outgoing != NULL)
+            skd_connection_send(connection, outgoing);
+        skd_outgoing_release(outgoing);
+    }
+    skd_connection_drain(connection);
+}
+
+/* The first call that was not told to stop yet. Cancelling may end other calls as well, so the
+ * list is looked at anew each time. */
+static struct skd_call *next_to_cancel(const struct skd_daemon *daemon)
+{
+    struct skd_call *call;
+    DL_FOREACH(daemon->calls, call)
+    {
+        if (!atomic_load(&call->cancelled))
+            return call;
+    }
+    return NULL;
+}
+
+/* Once the last call has ended its answer is queued, and the connections can go. */
+static void on_stopping(uv_timer_t *timer)
+{
+    struct skd_daemon *daemon = timer->data;
+    struct skd_connection *connection, *next;
+    if (daemon->calls != NULL)
+        return;
+    HASH_ITER(hh, daemon->connections, connection, next)
+        say_bye(connection, "skind is stopping");
+    uv_close((uv_handle_t *)timer, NULL);
+}
+
+void skd_daemon_stop(struct skd_daemon *daemon, const char *reason)
+{
+    struct skd_call *call;
+    if (daemon->stopping)
+        return;
+    daemon->stopping = true;
+    skd_log(SKD_LOG_INFO, "stopping: %s", reason);
+    skd_listener_close(&daemon->listener);
+    uv_close((uv_handle_t *)&daemon->signals[0], NULL);
+    uv_close((uv_handle_t *)&daemon->signals[1], NULL);
+    while ((call = next_to_cancel(daemon)) != NULL)
+        skd_call_cancel(call, SKD_SHUTTING_DOWN);
+    /* Workers may still have calls: look every few milliseconds until they are back. */
+    uv_timer_start(&daemon->idle_timer, on_stopping, 0, 5);
+}
+
+static void watch_signal(struct skd_daemon *daemon, uv_signal_t *signal, int number)
+{
+    uv_signal_init(&daemon->loop, signal);
+    signal->data = daemon;
+    uv_signal_start(signal, on_signal, number);
+}
+
+static void close_sessions(struct skd_daemon *daemon)
+{
+    struct skd_live *live, *next;
+    HASH_ITER(hh, daemon->sessions, live, next)
+        skd_live_close(daemon, live, "skind is stopping");
+}
+
+enum skd_status skd_daemon_run(struct skd_daemon *daemon, const struct skd_daemon_options *options,
+                               struct skd_error *error)
+{
+    char path[SKD_SOCKET_PATH_BYTES], workers[16];
+    enum skd_status status = skd_socket_path(options->socket_path, path, error);
+    if (status != SKD_OK)
+        return status;
+    *daemon = (struct skd_daemon){.options = *options};
+    daemon->started_ns = daemon->idle_since_ns = uv_hrtime();
+    if (daemon->options.worker_count == 0)
+        daemon->options.worker_count = (int)uv_available_parallelism();
+    /* libuv's pool is the worker pool; it reads its size from here when it first starts. */
+    (void)snprintf(workers, sizeof workers, "%d", daemon->options.worker_count);
+    setenv("UV_THREADPOOL_SIZE", workers, 1);
+    signal(SIGPIPE, SIG_IGN);
+    uv_loop_init(&daemon->loop);
+    status = skd_listener_open(&daemon->listener, &daemon->loop, path, on_client, error);
+    if (status == SKD_OK) {
+        daemon->listener.pipe.data = daemon;
+        watch_signal(daemon, &daemon->signals[0], SIGTERM);
+        watch_signal(daemon, &daemon->signals[1], SIGINT);
+        uv_timer_init(&daemon->loop, &daemon->idle_timer);
+        daemon->idle_timer.data = daemon;
+        if (options->idle_exit_s > 0)
+            uv_timer_start(&daemon->idle_timer, on_idle_check, IDLE_CHECK_MS, IDLE_CHECK_MS);
+        skd_log(SKD_LOG_INFO, "listening on %s with %d workers", path,
+                daemon->options.worker_count);
+        uv_run(&daemon->loop, UV_RUN_DEFAULT);
+        close_sessions(daemon);
+        skd_log(SKD_LOG_INFO, "stopped");
+    }
+    uv_run(&daemon->loop, UV_RUN_DEFAULT);
+    int left = uv_loop_close(&daemon->loop);
+    SKD_ASSERT(left == 0);
+    uv_library_shutdown();
+    return status;
+}

@@ -1,0 +1,15 @@
+/* A session in words, for answers. Thread: the loop, or the worker that has just made the session.
+ */
+#ifndef SKD_REQUESTS_DESCRIBE_H
+#define SKD_REQUESTS_DESCRIBE_H
+
+#include "daemon.h"
+
+/* A row of session.list; all of session.info. Owned by the caller; NULL: no memory. */
+cJSON *skd_describe_briefly(const struct skd_live *live);
+cJSON *skd_describe_wholly(const struct skd_live *live);
+
+/* The answer to session.create. */
+cJSON *skd_describe_created(const struct skd_session *session);
+
+#endif

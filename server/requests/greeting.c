@@ -1,0 +1,132 @@
+/* hello, ping, cancel, stats, shutdown: what needs no rig session and is answered at once.
+ *
+ * Stage: request -> reply. Thread: the loop.
+ */
+#include "requests/handlers.h"
+
+#include "base/log.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <utlist.h>
+
+/* Features by name; a client asks for these and not for a version. */
+static const char *const capabilities[] = {
+    "lines",          "session.file", "session.arrays",    "influences.8",
+    "method.exact",   "method.thesis", "constraint.affine", "locks",
+    "stroke.stream",  "history",       "export",            "updates",
+};
+
+static void add_limits(cJSON *result)
+{
+    cJSON *limits = cJSON_AddObjectToObject(result, "limits");
+    cJSON_AddNumberToObject(limits, "frame_bytes", (double)SKD_FRAME_BYTES_MAX);
+    cJSON_AddNumberToObject(limits, "json_bytes", SKD_JSON_BYTES_MAX);
+    cJSON_AddNumberToObject(limits, "line_bytes", SKD_LINE_BYTES_MAX);
+    cJSON_AddNumberToObject(limits, "json_nesting", SKD_JSON_NESTING_MAX);
+    cJSON_AddNumberToObject(limits, "buffers", SKD_BUFFERS_MAX);
+    cJSON_AddNumberToObject(limits, "vertices", (double)SKD_VERTICES_MAX);
+    cJSON_AddNumberToObject(limits, "bones", SKD_BONES_MAX);
+    cJSON_AddNumberToObject(limits, "sessions", SKD_SESSIONS_MAX);
+    cJSON_AddNumberToObject(limits, "poses", SKD_POSES_MAX);
+    cJSON_AddNumberToObject(limits, "connections", SKD_CONNECTIONS_MAX);
+    cJSON_AddNumberToObject(limits, "requests", SKD_REQUESTS_MAX);
+}
+
+void skd_handle_hello(struct skd_call *call)
+{
+    const struct skd_hello_params *params = &call->request.params.hello;
+    struct skd_connection *connection = skd_call_connection(call);
+    if (params->protocol_min > SKD_PROTOCOL_MAX || params->protocol_max < SKD_PROTOCOL_MIN) {
+        struct skd_error error;
+        (void)skd_fail(&error, SKD_VERSION,
+                       "this skind speaks protocol %d to %d and the client %d to %d; update %s",
+                       SKD_PROTOCOL_MIN, SKD_PROTOCOL_MAX, params->protocol_min,
+                       params->protocol_max,
+                       params->protocol_min > SKD_PROTOCOL_MAX ? "skind" : "the client");
+        skd_call_fail(call, &error);
+        return;
+    }
+    if (connection != NULL) {
+        size_t length = strnlen(params->client_name, SKD_CLIENT_NAME_BYTES_MAX);
+        connection->greeted = true;
+        memcpy(connection->client, params->client_name, length);
+        connection->client[length] = '\0';
+    }
+    cJSON *result = cJSON_CreateObject();
+    cJSON_AddNumberToObject(result, "protocol", SKD_PROTOCOL_MAX);
+    cJSON *server = cJSON_AddObjectToObject(result, "server");
+    cJSON_AddStringToObject(server, "name", "skind");
+    cJSON_AddStringToObject(server, "version", SKIND_VERSION);
+    cJSON_AddNumberToObject(server, "pid", (double)getpid());
+    cJSON_AddItemToObject(
+        result, "capabilities",
+        cJSON_CreateStringArray(capabilities, sizeof capabilities / sizeof *capabilities));
+    add_limits(result);
+    skd_call_answer(call, result);
+}
+
+void skd_handle_ping(struct skd_call *call)
+{
+    skd_call_answer(call, cJSON_CreateObject());
+}
+
+static bool same_id(const struct skd_request_id *a, const struct skd_request_id *b)
+{
+    if (a->kind != b->kind)
+        return false;
+    return a->kind == SKD_ID_NUMBER ? a->number == b->number : strcmp(a->text, b->text) == 0;
+}
+
+void skd_handle_cancel(struct skd_call *call)
+{
+    const struct skd_request_id *target = &call->request.params.cancel.target;
+    struct skd_call *other, *next;
+    DL_FOREACH_SAFE(call->daemon->calls, other, next)
+    {
+        if (other != call && other->connection_id == call->connection_id &&
+            same_id(&other->request.message.id, target)) {
+            skd_call_cancel(other, SKD_CANCELLED);
+            break;
+        }
+    }
+    skd_call_answer(call, cJSON_CreateObject());
+}
+
+void skd_handle_stats(struct skd_call *call)
+{
+    const struct skd_daemon *daemon = call->daemon;
+    const struct skd_live *live, *next;
+    double bytes = 0;
+    HASH_ITER(hh, daemon->sessions, live, next)
+    {
+        if (live->session != NULL)
+            bytes += (double)skd_session_bytes(live->session);
+    }
+    cJSON *result = cJSON_CreateObject();
+    cJSON_AddNumberToObject(result, "uptime_s", (double)(uv_hrtime() - daemon->started_ns) * 1e-9);
+    cJSON_AddNumberToObject(result, "connections", HASH_COUNT(daemon->connections));
+    cJSON_AddNumberToObject(result, "sessions", HASH_COUNT(daemon->sessions));
+    cJSON_AddNumberToObject(result, "workers", daemon->options.worker_count);
+    cJSON_AddNumberToObject(result, "bytes", bytes);
+    cJSON *requests = cJSON_AddObjectToObject(result, "requests");
+    for (int method = 0; method < SKD_REQUEST_METHOD_COUNT; method++) {
+        if (daemon->stats.requests[method] > 0)
+            cJSON_AddNumberToObject(requests,
+                                    skd_request_method_name((enum skd_request_method)method),
+                                    (double)daemon->stats.requests[method]);
+    }
+    cJSON_AddNumberToObject(result, "vertices_solved", (double)daemon->stats.vertices_solved);
+    cJSON_AddNumberToObject(result, "solve_ms", (double)daemon->stats.solve_ns * 1e-6);
+    skd_call_answer(call, result);
+}
+
+void skd_handle_shutdown(struct skd_call *call)
+{
+    struct skd_daemon *daemon = call->daemon;
+    skd_log(SKD_LOG_INFO, "%s asks for a shutdown",
+            call->client[0] != '\0' ? call->client : "a client");
+    skd_call_answer(call, cJSON_CreateObject());
+    skd_daemon_stop(daemon, "a client asked for a shutdown");
+}

@@ -1,0 +1,35 @@
+/* Open sessions: the table of names, the turns on each, and who listens.
+ *
+ * Stage: rig session. Thread: the loop.
+ * One call at a time has a session's weights; the others wait in the order they came.
+ */
+#ifndef SKD_REQUESTS_LIVE_H
+#define SKD_REQUESTS_LIVE_H
+
+#include "daemon.h"
+
+/* Reserves a name for a session that is about to be loaded. Errors: SKD_NAME_TAKEN, SKD_TOO_LARGE
+ * (SKD_SESSIONS_MAX), SKD_NO_MEMORY. */
+SKD_MUST_CHECK enum skd_status skd_live_reserve(struct skd_daemon *daemon, const char *name,
+                                                struct skd_live **live, struct skd_error *error);
+
+/* An open session, or NULL with SKD_NO_SESSION or, while it is being loaded, SKD_BUSY. */
+struct skd_live *skd_live_find(struct skd_daemon *daemon, const char *name,
+                               struct skd_error *error);
+
+/* Takes the session out of the table, tells its listeners why, cancels its calls. Its memory goes
+ * when the call that has the turn has ended. */
+void skd_live_close(struct skd_daemon *daemon, struct skd_live *live, const char *reason);
+
+/* Turns. */
+void skd_live_queue(struct skd_live *live, struct skd_call *call);
+void skd_live_unqueue(struct skd_live *live, struct skd_call *call);
+void skd_live_pass_turn(struct skd_live *live);
+
+/* Listeners: attaching twice is once. */
+SKD_MUST_CHECK enum skd_status skd_live_attach(struct skd_live *live, uint64_t connection_id,
+                                               struct skd_error *error);
+void skd_live_detach(struct skd_live *live, uint64_t connection_id);
+int skd_live_listener_count(const struct skd_live *live);
+
+#endif

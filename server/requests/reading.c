@@ -1,0 +1,135 @@
+/* weights.get, mesh.get and session.export: what reads a session whole.
+ *
+ * Stage: job -> reply. Thread: a worker. weights.get and session.export take the session's turn;
+ * mesh.get does too, so that the session cannot go away under it.
+ */
+#include "requests/handlers.h"
+
+#include "rig/gltf.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static enum skd_status get_weights(struct skd_call *call, struct skd_error *error)
+{
+    const struct skd_weights_get_params *params = &call->request.params.weights_get;
+    const struct skd_session *session = call->live->session;
+    const uint32_t *vertices = params->vertices.data;
+    size_t slots = (size_t)session->slot_count;
+    size_t count =
+        params->vertices_given ? params->vertices.count : session->rig->mesh.vertex_count;
+    if (params->vertices_given) {
+        enum skd_status status = skd_session_check_vertices(session, vertices, count, error);
+        if (status != SKD_OK)
+            return status;
+    }
+    float *weights = malloc(count * slots * (sizeof(float) + sizeof(uint16_t)) + 1);
+    if (weights == NULL)
+        return skd_fail_memory(error, "the weights");
+    uint16_t *joints = (uint16_t *)(weights + count * slots);
+    if (!params->vertices_given) {
+        memcpy(weights, session->weights, count * slots * sizeof(float));
+        memcpy(joints, session->joints, count * slots * sizeof(uint16_t));
+    }
+    for (size_t i = 0; params->vertices_given && i < count; i++) {
+        memcpy(weights + i * slots, session->weights + vertices[i] * slots, slots * sizeof(float));
+        memcpy(joints + i * slots, session->joints + vertices[i] * slots,
+               slots * sizeof(uint16_t));
+    }
+    struct skd_reply *reply = &call->reply;
+    reply->body = cJSON_CreateObject();
+    cJSON_AddNumberToObject(reply->body, "revision", (double)session->revision);
+    cJSON_AddNumberToObject(reply->body, "influences", session->slot_count);
+    reply->arrays[0] = (struct skd_array_out){"joints", SKD_U16, count, slots, joints};
+    reply->arrays[1] = (struct skd_array_out){"weights", SKD_F32, count, slots, weights};
+    reply->array_count = 2;
+    reply->owner = weights;
+    reply->release = free;
+    return SKD_OK;
+}
+
+static enum skd_status get_mesh(struct skd_call *call, struct skd_error *error)
+{
+    const struct skd_mesh *mesh = &call->live->session->rig->mesh;
+    size_t position_bytes = mesh->vertex_count * 3 * sizeof(float);
+    size_t triangle_bytes = mesh->triangle_count * 3 * sizeof(uint32_t);
+    /* A copy: the rig may be closed before the last byte is written. */
+    char *block = malloc(position_bytes + triangle_bytes + 1);
+    if (block == NULL)
+        return skd_fail_memory(error, "the mesh");
+    memcpy(block, mesh->rest, position_bytes);
+    memcpy(block + position_bytes, mesh->triangles, triangle_bytes);
+    struct skd_reply *reply = &call->reply;
+    reply->body = cJSON_CreateObject();
+    reply->arrays[0] = (struct skd_array_out){"positions", SKD_F32, mesh->vertex_count, 3, block};
+    reply->arrays[1] = (struct skd_array_out){"triangles", SKD_U32, mesh->triangle_count, 3,
+                                              block + position_bytes};
+    reply->array_count = 2;
+    reply->owner = block;
+    reply->release = free;
+    return SKD_OK;
+}
+
+static enum skd_status export_file(struct skd_call *call, struct skd_error *error)
+{
+    const struct skd_session *session = call->live->session;
+    const char *path = call->request.params.session.path;
+    struct skd_gltf_export_report report;
+    enum skd_status status = skd_gltf_export(session->rig, session->slot_count, session->joints,
+                                             session->weights, path, &report, error);
+    if (status != SKD_OK)
+        return status;
+    call->reply.body = cJSON_CreateObject();
+    cJSON_AddStringToObject(call->reply.body, "path", path);
+    cJSON_AddNumberToObject(call->reply.body, "bytes", (double)report.bytes);
+    cJSON_AddNumberToObject(call->reply.body, "revision", (double)session->revision);
+    cJSON_AddNumberToObject(call->reply.body, "accessors", (double)report.accessors);
+    cJSON_AddNumberToObject(call->reply.body, "largest_rounding", report.largest_rounding);
+    return SKD_OK;
+}
+
+static void exported(struct skd_call *call)
+{
+    struct skd_session *session = call->live->session;
+    if (call->status == SKD_OK)
+        session->exported = session->revision;
+    skd_call_finish(call);
+}
+
+static void begin_weights(struct skd_call *call)
+{
+    skd_call_work(call, get_weights, NULL);
+}
+
+static void begin_mesh(struct skd_call *call)
+{
+    skd_call_work(call, get_mesh, NULL);
+}
+
+static void begin_export(struct skd_call *call)
+{
+    skd_call_work(call, export_file, exported);
+}
+
+static void take_turn(struct skd_call *call, const char *name,
+                      void (*begin)(struct skd_call *call))
+{
+    struct skd_live *live = skd_call_find_session(call, name);
+    if (live != NULL)
+        skd_call_take_turn(call, live, begin);
+}
+
+void skd_handle_weights_get(struct skd_call *call)
+{
+    take_turn(call, call->request.params.weights_get.session, begin_weights);
+}
+
+void skd_handle_mesh_get(struct skd_call *call)
+{
+    take_turn(call, call->request.params.session.session, begin_mesh);
+}
+
+void skd_handle_session_export(struct skd_call *call)
+{
+    take_turn(call, call->request.params.session.session, begin_export);
+}

@@ -1,0 +1,309 @@
+/* stroke.apply: from posed positions to committed weights.
+ *
+ * Stage: job -> [pure solve] -> result -> commit -> reply. Thread: the loop steers, workers do.
+ *
+ *     begin ==> prepare ==> chunk 0 ==> ... ==> chunk n ==> commit ==> answer
+ *               (worker)    (any worker, a few at once)     (worker)   revision + 1
+ *                             |            |
+ *                             +-> stroke.weights to whoever sent the stroke
+ *
+ * A stroke keeps only a few chunks in the pool's queue, so that strokes of several sessions share
+ * the workers fairly. Up to the commit it can be dropped; from then on it is done.
+ */
+#include "requests/handlers.h"
+
+#include "requests/updates.h"
+#include "session/stroke.h"
+
+#include <stdlib.h>
+
+enum { CHUNK_VERTICES = 8192 };
+
+struct job {
+    struct skd_call *call;
+    struct skd_stroke stroke;
+    size_t next;   /* first vertex of the next chunk */
+    int in_flight; /* chunks that workers have */
+    bool want_line;
+    struct skd_encoded line; /* the update for listeners that speak lines */
+    uint64_t begun_ns;
+    uint64_t solving_ns;
+    uint64_t solved_ns;
+};
+
+/* A run of vertices that one worker solves, and the notification that tells the result. */
+struct chunk {
+    uv_work_t work;
+    struct job *job;
+    size_t first;
+    size_t count;
+    struct skd_encoded encoded; /* head NULL: nothing to send */
+};
+
+static void submit_chunks(struct job *job);
+
+static void release_step(void *step)
+{
+    skd_step_release(step);
+}
+
+static void encode_chunk(struct chunk *chunk)
+{
+    const struct skd_call *call = chunk->job->call;
+    const struct skd_step *step = chunk->job->stroke.step;
+    size_t slots = (size_t)step->slot_count;
+    struct skd_error error;
+    struct skd_array_out arrays[] = {
+        {"vertices", SKD_U32, chunk->count, 0, step->vertices + chunk->first},
+        {"weights", SKD_F32, chunk->count, slots, step->after + chunk->first * slots},
+    };
+    cJSON *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(body, "session", call->live->name);
+    skd_add_id(body, "request", &call->request.message.id);
+    cJSON_AddNumberToObject(body, "first", (double)chunk->first);
+    cJSON_AddNumberToObject(body, "count", (double)chunk->count);
+    cJSON_AddNumberToObject(body, "total", (double)step->count);
+    cJSON_AddNumberToObject(body, "influences", step->slot_count);
+    if (skd_encode_notification(call->mode, "stroke.weights", body, arrays, 2, &chunk->encoded,
+                                &error) != SKD_OK)
+        chunk->encoded.head = NULL;
+}
+
+static void solve_chunk(uv_work_t *work)
+{
+    struct chunk *chunk = work->data;
+    const struct skd_call *call = chunk->job->call;
+    if (atomic_load(&call->cancelled))
+        return;
+    skd_stroke_solve(&chunk->job->stroke, chunk->first, chunk->count);
+    if (call->request.params.stroke.stream)
+        encode_chunk(chunk);
+}
+
+static bool stop_if_cancelled(struct job *job)
+{
+    struct skd_error error;
+    if (!atomic_load(&job->call->cancelled))
+        return false;
+    skd_call_cancelled(job->call, &error);
+    skd_call_fail(job->call, &error);
+    return true;
+}
+
+static void add_residual(cJSON *object, const char *name, const struct skd_residual *residual)
+{
+    cJSON *item = cJSON_AddObjectToObject(object, name);
+    cJSON_AddNumberToObject(item, "mean", residual->mean);
+    cJSON_AddNumberToObject(item, "max", residual->max);
+}
+
+static cJSON *describe(const struct job *job, uint64_t revision)
+{
+    const struct skd_stroke *stroke = &job->stroke;
+    cJSON *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(body, "session", job->call->live->name);
+    cJSON_AddNumberToObject(body, "revision", (double)revision);
+    cJSON_AddNumberToObject(body, "vertices", (double)stroke->step->count);
+    cJSON_AddNumberToObject(body, "unreached", (double)stroke->unreached_count);
+    cJSON_AddNumberToObject(body, "reach", stroke->reach);
+    cJSON *residual = cJSON_AddObjectToObject(body, "residual");
+    add_residual(residual, "before", &stroke->before);
+    add_residual(residual, "after", &stroke->after);
+    cJSON *ms = cJSON_AddObjectToObject(body, "ms");
+    cJSON_AddNumberToObject(ms, "wait", (double)(job->begun_ns - job->call->arrived_ns) * 1e-6);
+    cJSON_AddNumberToObject(ms, "solve", (double)(job->solved_ns - job->solving_ns) * 1e-6);
+    cJSON_AddNumberToObject(ms, "total", (double)(uv_hrtime() - job->call->arrived_ns) * 1e-6);
+    return body;
+}
+
+static struct skd_update update_of(const struct job *job, uint64_t revision)
+{
+    return (struct skd_update){
+        .session = job->call->live->name,
+        .revision = revision,
+        .cause = "stroke",
+        .client = job->call->client,
+        .step = job->stroke.step,
+    };
+}
+
+/* The last thing in a worker: residuals, the update as a line, the answer, then the weights. */
+static enum skd_status answer(struct skd_call *call, struct skd_error *error)
+{
+    struct job *job = call->state;
+    const struct skd_session *session = call->live->session;
+    uint64_t revision = session->revision + (job->stroke.step->count > 0);
+    skd_stroke_finish(&job->stroke);
+    if (job->want_line) {
+        struct skd_update update = update_of(job, revision);
+        enum skd_status status = skd_update_encode(SKD_WIRE_LINES, &update, &job->line, error);
+        if (status != SKD_OK)
+            return status;
+    }
+    call->reply.body = describe(job, revision);
+    return SKD_OK;
+}
+
+static void commit(struct skd_call *call)
+{
+    const struct job *job = call->state;
+    skd_session_write(call->live->session, job->stroke.step, false);
+}
+
+static void committed(struct skd_call *call)
+{
+    struct job *job = call->state;
+    struct skd_session *session = call->live->session;
+    struct skd_step *step = job->stroke.step;
+    if (call->status == SKD_OK && step->count > 0) {
+        session->revision++;
+        skd_history_push(&session->history, step);
+        struct skd_update update = update_of(job, session->revision);
+        uint64_t but = call->request.params.stroke.stream ? call->connection_id : 0;
+        skd_updates_send(call->daemon, call->live, &update, but, &job->line);
+        call->daemon->stats.vertices_solved += step->count;
+        call->daemon->stats.solve_ns += job->solved_ns - job->solving_ns;
+    }
+    skd_call_finish(call);
+}
+
+static void begin_commit(struct job *job)
+{
+    struct skd_call *call = job->call;
+    struct skd_error error;
+    job->solved_ns = uv_hrtime();
+    if (skd_history_reserve(&call->live->session->history, &error) != SKD_OK) {
+        skd_call_fail(call, &error);
+        return;
+    }
+    uint64_t but = call->request.params.stroke.stream ? call->connection_id : 0;
+    job->want_line = skd_updates_want_line(call->daemon, call->live, but);
+    call->apply = commit;
+    skd_call_work(call, answer, committed);
+}
+
+static void chunk_done(uv_work_t *work, int status)
+{
+    struct chunk *chunk = work->data;
+    struct job *job = chunk->job;
+    SKD_ASSERT(status == 0);
+    if (chunk->encoded.head != NULL)
+        skd_call_send(job->call, &chunk->encoded, release_step, skd_step_hold(job->stroke.step));
+    free(chunk);
+    job->in_flight--;
+    submit_chunks(job);
+}
+
+static bool submit_chunk(struct job *job)
+{
+    struct chunk *chunk = calloc(1, sizeof *chunk);
+    size_t left = job->stroke.step->count - job->next;
+    if (chunk == NULL)
+        return false;
+    chunk->work.data = chunk;
+    chunk->job = job;
+    chunk->first = job->next;
+    chunk->count = left < CHUNK_VERTICES ? left : CHUNK_VERTICES;
+    job->next += chunk->count;
+    job->in_flight++;
+    int result = uv_queue_work(&job->call->daemon->loop, &chunk->work, solve_chunk, chunk_done);
+    SKD_ASSERT(result == 0);
+    return true;
+}
+
+/* Keeps a few chunks with the workers; when the last one is back, goes on to the commit. */
+static void submit_chunks(struct job *job)
+{
+    int most = 2 * job->call->daemon->options.worker_count;
+    bool stop = atomic_load(&job->call->cancelled);
+    while (!stop && job->in_flight < most && job->next < job->stroke.step->count) {
+        if (submit_chunk(job))
+            continue;
+        if (job->in_flight == 0) {
+            struct skd_error error;
+            (void)skd_fail_memory(&error, "the stroke");
+            skd_call_fail(job->call, &error);
+            return;
+        }
+        break; /* a chunk that comes back tries again */
+    }
+    if (job->in_flight == 0 && !stop_if_cancelled(job))
+        begin_commit(job);
+}
+
+static enum skd_status prepare(struct skd_call *call, struct skd_error *error)
+{
+    struct job *job = call->state;
+    return skd_stroke_prepare(&job->stroke, error);
+}
+
+static void prepared(struct skd_call *call)
+{
+    struct job *job = call->state;
+    if (call->status != SKD_OK) {
+        skd_call_finish(call);
+        return;
+    }
+    job->solving_ns = uv_hrtime();
+    submit_chunks(job);
+}
+
+static void begin(struct skd_call *call)
+{
+    struct job *job = call->state;
+    job->begun_ns = uv_hrtime();
+    job->stroke.session = call->live->session;
+    skd_call_work(call, prepare, prepared);
+}
+
+static void dismiss(struct skd_call *call)
+{
+    struct job *job = call->state;
+    struct skd_pose *pose = job->stroke.pose;
+    skd_stroke_dismiss(&job->stroke);
+    skd_pose_release(pose);
+    skd_encoded_finish(&job->line);
+    free(job);
+}
+
+static void read_params(const struct skd_stroke_params *params, struct skd_stroke_input *input)
+{
+    *input = (struct skd_stroke_input){
+        .vertices = params->vertices.data,
+        .positions = params->positions.data,
+        .count = params->vertices.count,
+        .locked_bones = params->locked_bones,
+        .locked_bone_count = params->locked_bone_count,
+        .locked_vertices = params->locked_vertices.data,
+        .locked_vertex_count = params->locked_vertices.count,
+        .options = skd_solve_defaults(),
+    };
+    input->options.method = (enum skd_method)params->method;
+    input->options.constraint = (enum skd_constraint)params->constraint;
+    input->options.stiffness = params->stiffness;
+    input->options.thesis_k = params->thesis_k;
+    input->options.thesis_h = params->thesis_h;
+}
+
+void skd_handle_stroke_apply(struct skd_call *call)
+{
+    const struct skd_stroke_params *params = &call->request.params.stroke;
+    struct skd_live *live = skd_call_find_session(call, params->session);
+    if (live == NULL)
+        return;
+    struct skd_error error;
+    struct skd_pose *pose = skd_session_find_pose(live->session, params->pose, &error);
+    struct job *job = pose != NULL ? calloc(1, sizeof *job) : NULL;
+    if (job == NULL) {
+        if (pose != NULL)
+            (void)skd_fail_memory(&error, "a stroke");
+        skd_call_fail(call, &error);
+        return;
+    }
+    job->call = call;
+    job->stroke.pose = skd_pose_hold(pose);
+    read_params(params, &job->stroke.input);
+    call->state = job;
+    call->dismiss = dismiss;
+    skd_call_take_turn(call, live, begin);
+}

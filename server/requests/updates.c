@@ -1,0 +1,125 @@
+/* See updates.h. */
+#include "requests/updates.h"
+
+#include "base/log.h"
+
+#include <utlist.h>
+
+static const size_t UNREAD_BYTES_MAX = (size_t)64 << 20;
+
+/* Spelling out more than this would keep the session from its next stroke. */
+enum { LINE_VERTICES_MAX = 16384 };
+
+static struct skd_connection *find(const struct skd_daemon *daemon, uint64_t id)
+{
+    struct skd_connection *connection;
+    HASH_FIND(hh, daemon->connections, &id, sizeof id, connection);
+    return connection;
+}
+
+enum skd_status skd_update_encode(enum skd_wire_mode mode, const struct skd_update *update,
+                                  struct skd_encoded *encoded, struct skd_error *error)
+{
+    const struct skd_step *step = update->step;
+    bool whole = mode == SKD_WIRE_FRAMES || step->count <= LINE_VERTICES_MAX;
+    struct skd_array_out arrays[] = {
+        {"vertices", SKD_U32, step->count, 0, step->vertices},
+        {"weights", SKD_F32, step->count, (size_t)step->slot_count,
+         update->undo ? step->before : step->after},
+    };
+    cJSON *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(body, "session", update->session);
+    cJSON_AddNumberToObject(body, "revision", (double)update->revision);
+    cJSON_AddStringToObject(body, "cause", update->cause);
+    cJSON_AddStringToObject(body, "client", update->client);
+    cJSON_AddNumberToObject(body, "influences", step->slot_count);
+    if (!whole)
+        cJSON_AddTrueToObject(body, "resync");
+    return skd_encode_notification(mode, "session.update", body, arrays, whole ? 2 : 0, encoded,
+                                   error);
+}
+
+bool skd_updates_want_line(const struct skd_daemon *daemon, const struct skd_live *live,
+                           uint64_t but)
+{
+    struct skd_listener_of_session *listener;
+    LL_FOREACH(live->listeners, listener)
+    {
+        struct skd_connection *connection = find(daemon, listener->connection_id);
+        if (connection != NULL && listener->connection_id != but &&
+            skd_connection_mode(connection) == SKD_WIRE_LINES)
+            return true;
+    }
+    return false;
+}
+
+static void release_step(void *step)
+{
+    skd_step_release(step);
+}
+
+/* Sends one message to every listener of a mode. A connection that closes on the way takes itself
+ * out of the list, hence the copy of `next`. */
+static void send_to_mode(struct skd_daemon *daemon, struct skd_live *live,
+                         enum skd_wire_mode mode, struct skd_outgoing *outgoing, uint64_t but)
+{
+    struct skd_listener_of_session *listener, *next;
+    LL_FOREACH_SAFE(live->listeners, listener, next)
+    {
+        struct skd_connection *connection = find(daemon, listener->connection_id);
+        if (connection == NULL || listener->connection_id == but ||
+            skd_connection_mode(connection) != mode)
+            continue;
+        if (skd_connection_backlog(connection) > UNREAD_BYTES_MAX) {
+            skd_log(SKD_LOG_WARNING, "connection %llu does not read its updates and was dropped",
+                    (unsigned long long)connection->id);
+            skd_connection_close(connection);
+            continue;
+        }
+        skd_connection_send(connection, outgoing);
+    }
+}
+
+void skd_updates_send(struct skd_daemon *daemon, struct skd_live *live,
+                      const struct skd_update *update, uint64_t but, struct skd_encoded *line)
+{
+    struct skd_encoded frame;
+    struct skd_error error;
+    struct skd_outgoing *outgoing;
+    if (line->head != NULL && (outgoing = skd_outgoing_create(line, NULL, NULL)) != NULL) {
+        send_to_mode(daemon, live, SKD_WIRE_LINES, outgoing, but);
+        skd_outgoing_release(outgoing);
+    }
+    if (live->listeners == NULL)
+        return;
+    if (skd_update_encode(SKD_WIRE_FRAMES, update, &frame, &error) != SKD_OK) {
+        skd_log(SKD_LOG_ERROR, "session \"%s\": an update was not sent: %s", live->name,
+                error.text);
+        return;
+    }
+    outgoing = skd_outgoing_create(&frame, release_step, skd_step_hold(update->step));
+    if (outgoing == NULL)
+        return;
+    send_to_mode(daemon, live, SKD_WIRE_FRAMES, outgoing, but);
+    skd_outgoing_release(outgoing);
+}
+
+void skd_updates_closed(struct skd_daemon *daemon, struct skd_live *live, const char *reason)
+{
+    static const enum skd_wire_mode modes[] = {SKD_WIRE_FRAMES, SKD_WIRE_LINES};
+    for (size_t i = 0; live->listeners != NULL && i < 2; i++) {
+        struct skd_encoded encoded;
+        struct skd_error error;
+        cJSON *body = cJSON_CreateObject();
+        cJSON_AddStringToObject(body, "session", live->name);
+        cJSON_AddStringToObject(body, "reason", reason);
+        if (skd_encode_notification(modes[i], "session.closed", body, NULL, 0, &encoded, &error) !=
+            SKD_OK)
+            continue;
+        struct skd_outgoing *outgoing = skd_outgoing_create(&encoded, NULL, NULL);
+        if (outgoing == NULL)
+            continue;
+        send_to_mode(daemon, live, modes[i], outgoing, 0);
+        skd_outgoing_release(outgoing);
+    }
+}

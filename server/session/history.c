@@ -1,0 +1,115 @@
+/* See history.h. */
+#include "session/history.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct skd_step *skd_step_create(size_t count, int slot_count)
+{
+    /* count is below SKD_VERTICES_MAX and slot_count below SKD_SLOT_COUNT_MAX: no overflow. */
+    size_t weight_bytes = count * (size_t)slot_count * sizeof(float);
+    struct skd_step *step = calloc(1, sizeof *step);
+    if (step == NULL)
+        return NULL;
+    step->references = 1;
+    step->count = count;
+    step->slot_count = slot_count;
+    step->vertices = malloc(count * sizeof(uint32_t) + 1);
+    step->before = malloc(weight_bytes + 1);
+    step->after = malloc(weight_bytes + 1);
+    if (step->vertices == NULL || step->before == NULL || step->after == NULL) {
+        skd_step_release(step);
+        return NULL;
+    }
+    return step;
+}
+
+struct skd_step *skd_step_hold(struct skd_step *step)
+{
+    step->references++;
+    return step;
+}
+
+void skd_step_release(struct skd_step *step)
+{
+    if (step == NULL || --step->references > 0)
+        return;
+    free(step->vertices);
+    free(step->before);
+    free(step->after);
+    free(step);
+}
+
+size_t skd_step_bytes(const struct skd_step *step)
+{
+    return sizeof *step +
+           step->count * (sizeof(uint32_t) + 2 * (size_t)step->slot_count * sizeof(float));
+}
+
+enum skd_status skd_history_reserve(struct skd_history *history, struct skd_error *error)
+{
+    if (history->position < history->capacity)
+        return SKD_OK;
+    size_t capacity = history->capacity == 0 ? 16 : history->capacity * 2;
+    struct skd_step **steps = realloc(history->steps, capacity * sizeof *steps);
+    if (steps == NULL)
+        return skd_fail_memory(error, "the undo history");
+    history->steps = steps;
+    history->capacity = capacity;
+    return SKD_OK;
+}
+
+static void drop_undone(struct skd_history *history)
+{
+    while (history->count > history->position) {
+        struct skd_step *step = history->steps[--history->count];
+        history->bytes -= skd_step_bytes(step);
+        skd_step_release(step);
+    }
+}
+
+static void drop_oldest(struct skd_history *history)
+{
+    size_t dropped = 0;
+    while (dropped + 1 < history->count && history->bytes > SKD_HISTORY_BYTES_MAX) {
+        history->bytes -= skd_step_bytes(history->steps[dropped]);
+        skd_step_release(history->steps[dropped++]);
+    }
+    history->count -= dropped;
+    history->position -= dropped;
+    memmove(history->steps, history->steps + dropped, history->count * sizeof *history->steps);
+}
+
+void skd_history_push(struct skd_history *history, struct skd_step *step)
+{
+    drop_undone(history);
+    SKD_ASSERT(history->count < history->capacity);
+    history->steps[history->count++] = skd_step_hold(step);
+    history->position = history->count;
+    history->bytes += skd_step_bytes(step);
+    drop_oldest(history);
+}
+
+struct skd_step *skd_history_undoable(const struct skd_history *history)
+{
+    return history->position > 0 ? history->steps[history->position - 1] : NULL;
+}
+
+struct skd_step *skd_history_redoable(const struct skd_history *history)
+{
+    return history->position < history->count ? history->steps[history->position] : NULL;
+}
+
+void skd_history_move(struct skd_history *history, int direction)
+{
+    SKD_ASSERT(direction < 0 ? history->position > 0 : history->position < history->count);
+    history->position = direction < 0 ? history->position - 1 : history->position + 1;
+}
+
+void skd_history_finish(struct skd_history *history)
+{
+    for (size_t i = 0; i < history->count; i++)
+        skd_step_release(history->steps[i]);
+    free(history->steps);
+    *history = (struct skd_history){0};
+}

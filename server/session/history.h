@@ -1,0 +1,61 @@
+/* What strokes did, so that it can be undone and redone to the bit.
+ *
+ * Stage: commit. Thread: the loop owns the history and counts references; a worker fills the
+ * arrays of a step before the loop has it, and reads them while its job runs.
+ *
+ * A step is also what travels: the weights that a stroke streams out are slices of its `after`,
+ * so a step lives until the last byte of it was written.
+ *
+ *      steps:   [0] [1] [2] | [3] [4]
+ *               done        ^ position   undone, next redo is [3]
+ */
+#ifndef SKD_SESSION_HISTORY_H
+#define SKD_SESSION_HISTORY_H
+
+#include "base/error.h"
+#include "protocol/limits.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Steps of one session keep at most this much; the oldest go first. */
+#define SKD_HISTORY_BYTES_MAX ((size_t)512 << 20)
+
+struct skd_step {
+    int references;
+    char client[SKD_CLIENT_NAME_BYTES_MAX + 1]; /* who made it */
+    size_t count;                               /* vertices */
+    int slot_count;
+    uint32_t *vertices; /* [count] each once */
+    float *before;      /* [count][slots] */
+    float *after;       /* [count][slots] */
+};
+
+/* A step with room for `count` vertices, one reference held by the caller; NULL: no memory. */
+struct skd_step *skd_step_create(size_t count, int slot_count);
+struct skd_step *skd_step_hold(struct skd_step *step);
+void skd_step_release(struct skd_step *step); /* NULL is fine */
+size_t skd_step_bytes(const struct skd_step *step);
+
+struct skd_history {
+    struct skd_step **steps;
+    size_t count;
+    size_t capacity;
+    size_t position; /* steps that are done */
+    size_t bytes;
+};
+
+/* Makes room for one more step, so that skd_history_push cannot fail. Called before a commit
+ * changes anything. */
+SKD_MUST_CHECK enum skd_status skd_history_reserve(struct skd_history *history,
+                                                   struct skd_error *error);
+/* Drops what was undone and puts the step (a reference of its own) on top. */
+void skd_history_push(struct skd_history *history, struct skd_step *step);
+/* The step that undo or redo is to apply, or NULL. Borrowed. */
+struct skd_step *skd_history_undoable(const struct skd_history *history);
+struct skd_step *skd_history_redoable(const struct skd_history *history);
+/* The step was undone (direction -1) or redone (+1). */
+void skd_history_move(struct skd_history *history, int direction);
+void skd_history_finish(struct skd_history *history);
+
+#endif

@@ -1,0 +1,83 @@
+"""Daemons to test against, each with a socket of its own, and links that check every message."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Callable, Iterator
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "clients" / "blender_addon"), str(ROOT / "tests" / "protocol")]
+
+import schemas  # noqa: E402
+from core import Link  # noqa: E402
+
+BIN = Path(os.environ.get("SKIND_BUILD", ROOT / "build" / "release")) / "bin"
+START_SECONDS = 30.0  # generous: the sanitizer builds start slowly on a busy machine
+
+
+class Daemon:
+    """A skind process under test."""
+
+    def __init__(self, folder: Path, *options: str, socket: Path | None = None) -> None:
+        self.socket = socket or folder / "skind.sock"
+        self.log = folder / "log"
+        self.process = subprocess.Popen(
+            [BIN / "skind", "--socket", str(self.socket), *options],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self.log.open("ab"))
+
+    def wait_ready(self) -> "Daemon":
+        deadline = time.monotonic() + START_SECONDS
+        while time.monotonic() < deadline:
+            assert self.process.poll() is None, self.log.read_text()
+            try:
+                Link.connect(self.socket).close()
+                return self
+            except OSError:
+                time.sleep(0.01)
+        raise AssertionError(f"skind does not answer: {self.log.read_text()}")
+
+    def link(self, name: str = "test", lines: bool = False, checked: bool = True) -> Link:
+        """A connection; `checked` holds each of its messages against the schemas."""
+        return Link.connect(self.socket, name=name, lines=lines,
+                            watch=schemas.watch() if checked else None)
+
+    def stop(self, number: int = signal.SIGTERM) -> int:
+        """Ends it and returns its exit status; a sanitizer's report makes that not 0."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.process.wait(START_SECONDS)
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """A private folder with a path short enough for a socket."""
+    with tempfile.TemporaryDirectory(prefix="skind-test-") as path:
+        yield Path(path)
+
+
+@pytest.fixture
+def start(folder: Path) -> Iterator[Callable[..., Daemon]]:
+    """start(*options, socket=...) runs one more daemon; all must end clean."""
+    daemons: list[Daemon] = []
+
+    def run(*options: str, socket: Path | None = None) -> Daemon:
+        daemons.append(Daemon(folder, *options, socket=socket))
+        return daemons[-1].wait_ready()
+
+    yield run
+    for daemon in daemons:
+        status = daemon.stop()
+        assert status in (0, -signal.SIGKILL), daemon.log.read_text()
+
+
+@pytest.fixture
+def daemon(start: Callable[..., Daemon]) -> Daemon:
+    return start()
