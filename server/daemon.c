@@ -144,6 +144,9 @@ void skd_daemon_stop(struct skd_daemon *daemon, const char *reason)
     skd_listener_close(&daemon->listener);
     uv_close((uv_handle_t *)&daemon->signals[0], NULL);
     uv_close((uv_handle_t *)&daemon->signals[1], NULL);
+    /* Told once is enough: a second signal must not cut off what is being finished. */
+    signal(SIGTERM, SIG_IGN);
+    signal(SIGINT, SIG_IGN);
     while ((call = next_to_cancel(daemon)) != NULL)
         skd_call_cancel(call, SKD_SHUTTING_DOWN);
     /* Workers may still have calls: look every few milliseconds until they are back. */

@@ -68,6 +68,7 @@ static int read_options(int argc, const char **argv, struct skd_daemon_options *
         puts("skind " SKIND_VERSION);
     }
     poptFreeContext(context);
+    free(level_word);
     skd_log_set_level(level);
     *options = (struct skd_daemon_options){socket_path, workers, (unsigned)idle_exit};
     return result != 0 ? 2 : help || version ? 0 : -1;

@@ -24,27 +24,15 @@ static enum skd_status build_from_arrays(const struct skd_session_create_params 
                                          struct skd_rig **rig, struct skd_influences *influences,
                                          struct skd_error *error)
 {
+    /* That the arrays fit each other was checked when the request was decoded. */
     size_t vertices = params->positions.rows;
-    size_t bones = params->bone_parents.count;
-    if (params->bone_binds.count != bones * 16)
-        return skd_fail(error, SKD_COUNT_MISMATCH,
-                        "bones.binds holds %zu numbers, but %zu bones take %zu (4x4 each)",
-                        params->bone_binds.count, bones, bones * 16);
-    if (params->bone_names != NULL && params->bone_name_count != bones)
-        return skd_fail(error, SKD_COUNT_MISMATCH, "bones.names names %zu bones of %zu",
-                        params->bone_name_count, bones);
-    if (params->influence_offsets.count != vertices + 1)
-        return skd_fail(error, SKD_COUNT_MISMATCH,
-                        "influence_offsets holds %zu numbers; %zu vertices take %zu",
-                        params->influence_offsets.count, vertices, vertices + 1);
+    size_t bones = params->bone_parents.rows;
     const uint32_t *offsets = params->influence_offsets.data;
-    if (params->influence_joints.count != params->influence_weights.count ||
-        params->influence_joints.count != offsets[vertices])
+    if (params->influence_joints.count != offsets[vertices])
         return skd_fail(error, SKD_COUNT_MISMATCH,
-                        "influence_joints holds %zu and influence_weights %zu, but the last of "
-                        "influence_offsets says %u",
-                        params->influence_joints.count, params->influence_weights.count,
-                        (unsigned)offsets[vertices]);
+                        "influence_joints holds %zu numbers, but the last of influence_offsets "
+                        "says %u",
+                        params->influence_joints.count, (unsigned)offsets[vertices]);
     if (bones > SKD_BONES_MAX)
         return skd_fail(error, SKD_TOO_LARGE, "%zu bones are more than the limit of %d", bones,
                         SKD_BONES_MAX);

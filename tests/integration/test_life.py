@@ -11,8 +11,8 @@ import time
 import numpy as np
 import pytest
 import rigs
-from conftest import BIN, Daemon
 from core import Link, SkindError
+from daemons import BIN, Daemon
 
 
 def test_one_instance_a_socket(start, folder) -> None:

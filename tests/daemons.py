@@ -1,24 +1,17 @@
-"""Daemons to test against, each with a socket of its own, and links that check every message."""
+"""A skind process under test, with a socket of its own."""
 
 from __future__ import annotations
 
 import os
 import signal
 import subprocess
-import sys
-import tempfile
 import time
 from pathlib import Path
-from typing import Callable, Iterator
 
-import pytest
+import schemas
+from core import Link
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "clients" / "blender_addon"), str(ROOT / "tests" / "protocol")]
-
-import schemas  # noqa: E402
-from core import Link  # noqa: E402
-
+ROOT = Path(__file__).resolve().parents[1]
 BIN = Path(os.environ.get("SKIND_BUILD", ROOT / "build" / "release")) / "bin"
 START_SECONDS = 30.0  # generous: the sanitizer builds start slowly on a busy machine
 
@@ -54,30 +47,3 @@ class Daemon:
         if self.process.poll() is None:
             self.process.send_signal(number)
         return self.process.wait(START_SECONDS)
-
-
-@pytest.fixture
-def folder() -> Iterator[Path]:
-    """A private folder with a path short enough for a socket."""
-    with tempfile.TemporaryDirectory(prefix="skind-test-") as path:
-        yield Path(path)
-
-
-@pytest.fixture
-def start(folder: Path) -> Iterator[Callable[..., Daemon]]:
-    """start(*options, socket=...) runs one more daemon; all must end clean."""
-    daemons: list[Daemon] = []
-
-    def run(*options: str, socket: Path | None = None) -> Daemon:
-        daemons.append(Daemon(folder, *options, socket=socket))
-        return daemons[-1].wait_ready()
-
-    yield run
-    for daemon in daemons:
-        status = daemon.stop()
-        assert status in (0, -signal.SIGKILL), daemon.log.read_text()
-
-
-@pytest.fixture
-def daemon(start: Callable[..., Daemon]) -> Daemon:
-    return start()

@@ -1,0 +1,28 @@
+/* Limits on what a peer may choose. hello tells them; each is checked once, where the bytes
+ * become a value. */
+#ifndef SKD_PROTOCOL_LIMITS_H
+#define SKD_PROTOCOL_LIMITS_H
+
+#include <stdint.h>
+
+#define SKD_FRAME_BYTES_MAX (UINT64_C(512) << 20) /* header, JSON, padding and tail */
+#define SKD_JSON_BYTES_MAX (UINT32_C(4) << 20)    /* the JSON part of a frame */
+#define SKD_LINE_BYTES_MAX (UINT32_C(1) << 20)    /* one line, newline included, in line mode */
+
+enum {
+    SKD_PROTOCOL_MIN = 1, /* protocol versions that this build speaks */
+    SKD_PROTOCOL_MAX = 1,
+    SKD_JSON_NESTING_MAX = 32, /* arrays and objects within each other */
+    SKD_BUFFERS_MAX = 16,      /* of one message */
+    SKD_ID_BYTES_MAX = 64,     /* a request id that is a string */
+    SKD_SESSION_NAME_BYTES_MAX = 64,
+    SKD_POSE_NAME_BYTES_MAX = 64,
+    SKD_CLIENT_NAME_BYTES_MAX = 64,
+    SKD_PATH_BYTES_MAX = 4096,
+    SKD_SESSIONS_MAX = 64, /* open at once in a daemon */
+    SKD_POSES_MAX = 1024,  /* of one session */
+    SKD_CONNECTIONS_MAX = 1200,
+    SKD_REQUESTS_MAX = 64, /* unanswered, of one connection; then its bytes wait */
+};
+
+#endif

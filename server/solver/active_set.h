@@ -1,0 +1,14 @@
+/* The exact solve for any number of slots: an active set, a vertex at a time.
+ *
+ * Stage: [pure solve], inside solver/. Thread: any. Owns nothing.
+ */
+#ifndef SKD_SOLVER_ACTIVE_SET_H
+#define SKD_SOLVER_ACTIVE_SET_H
+
+#include "solver/row.h"
+
+/* Solves one vertex of the batch and writes its outputs. */
+void skd_active_set_solve(const struct skd_solve_batch *batch, const struct skd_plan *plan,
+                          size_t item);
+
+#endif

@@ -1,0 +1,152 @@
+"""Every message there is, to and from the real daemon, in frames and in lines, held against its
+schema. A message that this does not send or get fails it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import schemas
+from core import Link, SkindError
+
+IDENTITY = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+ROWS = 4  # of two vertices each, along y; the lower half hangs on bone 0
+
+
+def rest_positions() -> np.ndarray:
+    return np.array([[x, y, 0] for y in range(ROWS) for x in (0, 1)], np.float32)
+
+
+def write_ribbon(path: Path) -> None:
+    """A glTF file: a ribbon, two bones, and a clip that bends it."""
+    half = np.sqrt(0.5)
+    accessors, views, data = [], [], b""
+
+    def add(array: np.ndarray, kind: str, component: int, **more) -> int:
+        nonlocal data
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
+        accessors.append({"bufferView": len(views) - 1, "componentType": component,
+                          "count": len(array), "type": kind, **more})
+        data += array.tobytes() + bytes(-array.nbytes % 4)
+        return len(accessors) - 1
+
+    rest = rest_positions()
+    joints = np.zeros((len(rest), 4), np.uint16)
+    joints[len(rest) // 2:, 0] = 1
+    weights = np.zeros((len(rest), 4), np.float32)
+    weights[:, 0] = 1
+    corners = [[2 * r + a, 2 * r + b, 2 * r + c] for r in range(ROWS - 1)
+               for a, b, c in ((0, 1, 2), (2, 1, 3))]
+    binds = np.tile(np.eye(4, dtype=np.float32).reshape(16), (2, 1))
+    binds[1, 13] = -1.5  # column by column: bone 1 stands at y = 1.5
+    attributes = {
+        "POSITION": add(rest, "VEC3", 5126, min=rest.min(0).tolist(), max=rest.max(0).tolist()),
+        "JOINTS_0": add(joints, "VEC4", 5123), "WEIGHTS_0": add(weights, "VEC4", 5126)}
+    primitive = {"attributes": attributes,
+                 "indices": add(np.array(corners, np.uint16).reshape(-1), "SCALAR", 5123)}
+    sampler = {"input": add(np.array([0, 1], np.float32), "SCALAR", 5126, min=[0], max=[1]),
+               "output": add(np.array([[0, 0, 0, 1], [0, 0, half, half]], np.float32), "VEC4", 5126)}
+    document = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0, "skin": 0}, {"name": "lower", "children": [2]},
+                  {"name": "upper", "translation": [0, 1.5, 0]}],
+        "meshes": [{"name": "ribbon", "primitives": [primitive]}],
+        "skins": [{"joints": [1, 2], "inverseBindMatrices": add(binds, "MAT4", 5126)}],
+        "animations": [{"name": "bend", "samplers": [sampler], "channels": [
+            {"sampler": 0, "target": {"node": 2, "path": "rotation"}}]}],
+        "accessors": accessors, "bufferViews": views,
+    }
+    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+    document["buffers"] = [{"byteLength": len(data), "uri": uri}]
+    path.write_text(json.dumps(document))
+
+
+def rig_arrays() -> dict:
+    count = 2 * ROWS
+    return {
+        "positions": rest_positions(),
+        "triangles": np.array([[0, 1, 2], [2, 1, 3]], np.uint32),
+        "bones": {"names": ["lower", "upper"], "parents": np.array([-1, 0], np.int32),
+                  "binds": np.array([IDENTITY, IDENTITY], np.float64)},
+        "influence_offsets": np.arange(count + 1, dtype=np.uint32),
+        "influence_joints": np.zeros(count, np.uint16),
+        "influence_weights": np.ones(count, np.float32),
+    }
+
+
+def gather(link: Link, count: int) -> list:
+    """Waits for so many notifications."""
+    deadline = time.monotonic() + 20
+    while len(link.notifications) < count and time.monotonic() < deadline:
+        link.pump(0.01)
+    return list(link.notifications)
+
+
+def use_everything(path: Path, folder: Path, lines: bool) -> None:
+    """One session through its whole life; each method at least once."""
+    def connect(name):
+        return Link.connect(path, name=name, lines=lines, timeout=30, watch=schemas.watch())
+
+    with connect("artist") as artist, connect("watcher") as watcher:
+        created = artist.call("session.create", {"file": str(folder / "ribbon.gltf"), "name": "r"})
+        assert created["vertices"] == 2 * ROWS
+        assert [s["session"] for s in artist.call("session.list")["sessions"]] == ["r"]
+        assert watcher.call("session.attach", {"session": "r", "revision": 0})["resync"] is False
+        mesh = artist.call("mesh.get", {"session": "r"})
+        assert np.array_equal(np.asarray(mesh["positions"], np.float32), rest_positions())
+        artist.call("pose.set", {"session": "r", "pose": "bent", "clip": "bend", "time": 0.5})
+        artist.call("pose.set", {"session": "r", "pose": "flat"},
+                    {"matrices": np.array([IDENTITY, IDENTITY], np.float64)})
+        vertices = np.arange(2, 6, dtype=np.uint32)
+        posed = artist.call("pose.evaluate", {"session": "r", "pose": "bent"},
+                            {"vertices": vertices})["positions"]
+        stroke = artist.call("stroke.apply", {"session": "r", "pose": "bent"}, {
+            "vertices": vertices,
+            "positions": np.asarray(posed, np.float32) + np.float32(0.05)})
+        assert stroke["revision"] == 1 and stroke["vertices"] == 4
+        assert {message.method for message in artist.notifications} == {"stroke.weights"}
+        weights = artist.call("weights.get", {"session": "r"})
+        streamed = artist.notifications[0].params
+        assert np.array_equal(np.asarray(weights["weights"])[np.asarray(streamed["vertices"])],
+                              np.asarray(streamed["weights"]))
+        assert artist.call("history.undo", {"session": "r"})["revision"] == 2
+        assert artist.call("history.redo", {"session": "r"})["revision"] == 3
+        exported = artist.call("session.export", {"session": "r", "path": str(folder / "o.gltf")})
+        assert exported["revision"] == 3
+        info = artist.call("session.info", {"session": "r"})
+        assert set(info["poses"]) == {"rest", "bent", "flat"}
+        artist.call("session.create", {"name": "arrays", "fill": "none"}, rig_arrays())
+        artist.call("session.close", {"session": "arrays"})
+        artist.call("ping")
+        artist.cancel(artist.send("stats"))
+        with pytest.raises(SkindError) as refused:
+            artist.call("weights.get", {"session": "nobody"})
+        assert refused.value.name == "no_session"
+        artist.call("session.close", {"session": "r"})
+        told = gather(watcher, 4)
+        assert [message.method for message in told] == 3 * ["session.update"] + ["session.closed"]
+        assert [message.params["cause"] for message in told[:3]] == ["stroke", "undo", "redo"]
+        assert [message.params["revision"] for message in told[:3]] == [1, 2, 3]
+
+
+def test_every_message_is_what_its_schema_says(daemon, tmp_path):
+    socket_path = daemon.socket
+    write_ribbon(tmp_path / "ribbon.gltf")
+    schemas.seen.clear()
+    use_everything(socket_path, tmp_path, lines=False)
+    use_everything(socket_path, tmp_path, lines=True)
+    with Link.connect(socket_path, watch=schemas.watch()) as last:
+        last.call("session.create", {"file": str(tmp_path / "ribbon.gltf"), "name": "r"})
+        last.call("session.attach", {"session": "r"})
+        last.call("session.detach", {"session": "r"})
+        last.call("shutdown")
+        with pytest.raises(ConnectionError):
+            last.pump(10)
+        assert last.notifications[-1].method == "bye"
+    assert schemas.unseen() == set()
+    assert os.path.exists(tmp_path / "o.gltf")

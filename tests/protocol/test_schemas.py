@@ -1,0 +1,229 @@
+"""The schemas, PROTOCOL.md, errors.def and the C decoder say the same."""
+
+from __future__ import annotations
+
+import copy
+import re
+
+import jsonschema
+import pytest
+import schemas
+from core.wire import encode_notification, encode_request
+from probe import ask
+from schemas import ROOT
+
+PROTOCOL = (ROOT / "protocol" / "PROTOCOL.md").read_text("utf-8")
+
+MATRIX = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+ARRAYS = {
+    "positions": [[0, 0, 0], [1, 0, 0.5]], "triangles": [[0, 1, 1]],
+    "bones": {"names": ["hip"], "parents": [-1], "binds": [MATRIX]},
+    "influence_offsets": [0, 1, 1], "influence_joints": [0], "influence_weights": [1.0],
+}
+
+# Every member of every request, once at least.
+EXAMPLES = [
+    ("hello", {"protocol": {"min": 1, "max": 2}, "client": {"name": "a", "version": "1"}}),
+    ("ping", {}),
+    ("cancel", {"id": 3}),
+    ("session.create", {"name": "a", "file": "/a.glb", "influences": 8, "fill": "hop",
+                        "reduce": "largest"}),
+    ("session.create", ARRAYS),
+    ("session.list", {}),
+    ("session.info", {"session": "a"}),
+    ("session.attach", {"session": "a", "revision": 3}),
+    ("session.detach", {"session": "a"}),
+    ("session.close", {"session": "a"}),
+    ("session.export", {"session": "a", "path": "/b.glb"}),
+    ("mesh.get", {"session": "a"}),
+    ("pose.set", {"session": "a", "pose": "p", "clip": "walk", "time": 0.5}),
+    ("pose.set", {"session": "a", "pose": "p", "matrices": [MATRIX, MATRIX]}),
+    ("pose.evaluate", {"session": "a", "pose": "p", "vertices": [1, 2]}),
+    ("stroke.apply", {"session": "a", "pose": "p", "vertices": [1], "positions": [[1, 2, 3]],
+                      "stream": False, "method": "thesis", "constraint": "affine",
+                      "stiffness": 0.1, "thesis_k": 0.1, "thesis_h": 1, "locked_bones": ["hip"],
+                      "locked_vertices": [4]}),
+    ("weights.get", {"session": "a", "vertices": [0]}),
+    ("history.undo", {"session": "a"}),
+    ("history.redo", {"session": "a"}),
+    ("stats", {}),
+    ("shutdown", {}),
+]
+
+WRONG = [None, True, 0, -1, 1.5, 1e300, "", "x", "a/b", "/", "x" * 65, [], [[]], [[1, 2]], ["x"],
+         [1.5, 2], {}, {"buffer": 0}, {"buffer": "0"}]
+
+
+def walk(schema, path=()):
+    """Every schema within a schema."""
+    if isinstance(schema, dict):
+        yield path, schema
+        for name, value in schema.items():
+            yield from walk(value, (*path, name))
+    elif isinstance(schema, list):
+        for i, value in enumerate(schema):
+            yield from walk(value, (*path, i))
+
+
+def test_every_method_has_its_schemas():
+    expected = {"common", "error", "message"}
+    for method in schemas.methods():
+        expected.add(f"{method}.request")
+        if method != "cancel":  # a notification; nothing answers it
+            expected.add(f"{method}.result")
+    expected |= {f"{name}.notification"
+                 for name in ("stroke.weights", "session.update", "session.closed", "bye")}
+    assert set(schemas.load_all()) == expected
+    assert len(schemas.methods()) == 19
+
+
+@pytest.mark.parametrize("name", sorted(schemas.load_all()))
+def test_schema_is_sound(name):
+    schema = schemas.load_all()[name]
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    assert schema["title"]
+    resolver = schemas.validator(name).resolver
+    for _, part in walk(schema):
+        if isinstance(part.get("$ref"), str):
+            _, target = resolver.resolve(part["$ref"])
+            assert isinstance(target, dict)
+
+
+@pytest.mark.parametrize("name", sorted(schemas.load_all()))
+def test_what_the_daemon_sends_is_strict(name):
+    """Nothing unknown and nothing missing in results and notifications; requests are open."""
+    is_open = name.endswith(".request")
+    if name in ("common", "message"):
+        return
+    for path, part in walk(schemas.load_all()[name]):
+        if "properties" in part and path[-1:] != ("properties",):
+            assert ("additionalProperties" in part) != is_open, path
+            if not is_open:
+                required = set(part["required"])
+                for choice in part.get("oneOf", []):
+                    required |= set(choice["required"])
+                assert required == set(part["properties"]), path
+
+
+def table(heading):
+    """The rows of the first table below a heading of PROTOCOL.md, as lists of cells."""
+    section = PROTOCOL.split(f"## {heading}\n", 1)[1].split("\n## ", 1)[0]
+    rows = [line.strip().strip("|").split("|") for line in section.splitlines()
+            if line.startswith("| `")]
+    return [[cell.strip() for cell in row] for row in rows]
+
+
+def members(schema):
+    """Names of a schema's members and of theirs."""
+    names = set()
+    for _, part in walk(schema):
+        for name in part.get("properties", {}) if isinstance(part.get("properties"), dict) else {}:
+            names.add(name)
+    return names
+
+
+def words(cell):
+    """All words within backticks, `[name]` as well as `a b: {c}`."""
+    return set(re.findall(r"[a-z_0-9]+", " ".join(re.findall(r"`([^`]*)`", cell))))
+
+
+def test_the_table_of_requests_is_the_schemas():
+    rows = {}
+    for cells in table("Requests"):
+        for method in re.findall(r"`([a-z.]+)`", cells[0]):
+            rows[method] = cells[1:]
+    assert set(rows) == set(schemas.methods())
+    for method, (params, result) in rows.items():
+        wanted = members(schemas.load_all()[f"{method}.request"])
+        assert wanted <= words(params), f"{method}: {wanted - words(params)} not in PROTOCOL.md"
+        if method in ("cancel", "stroke.apply"):
+            continue  # no result; told below the table
+        wanted = members(schemas.load_all()[f"{method}.result"])
+        if method == "session.info":
+            result += rows["session.list"][1]  # which its cell refers to
+        assert wanted <= words(result), f"{method}: {wanted - words(result)} not in PROTOCOL.md"
+    answer = PROTOCOL.split("`stroke.apply` answers", 1)[1].split("}`", 1)[0] + "}`"
+    assert words(answer) >= members(schemas.load_all()["stroke.apply.result"])
+
+
+def test_the_table_of_notifications_is_the_schemas():
+    rows = {cells[0].strip("`"): cells[1] for cells in table("Notifications from the daemon")}
+    assert sorted(rows) == schemas.notifications()
+    for name, cell in rows.items():
+        wanted = set(schemas.load_all()[f"{name}.notification"]["properties"])
+        assert wanted <= words(cell), name
+
+
+def test_the_registry_of_errors_is_the_schema():
+    text = (ROOT / "protocol" / "errors.def").read_text("utf-8")
+    rows = re.findall(r'^X\(SKD_(\w+), (-?\d+), "(\w+)", (true|false), "((?:[^"\\]|\\.)*)"\)$',
+                      text, re.MULTILINE)
+    assert len(rows) == text.count("\nX(")
+    schema = schemas.load_all()["error"]["properties"]
+    assert schema["code"]["enum"] == [int(row[1]) for row in rows]
+    assert schema["data"]["properties"]["name"]["enum"] == [row[2] for row in rows]
+    for status, _, name, _, _ in rows:
+        assert status.lower() == name
+
+
+def encode(method, params, i):
+    if method == "cancel":
+        return encode_notification(method, params)
+    return encode_request(i, method, params)
+
+
+def test_examples_hold_every_member():
+    for method in schemas.methods():
+        given = set()
+        for name, params in EXAMPLES:
+            if name == method:
+                given |= set(params)
+        assert given == set(schemas.load_all()[f"{method}.request"]["properties"]), method
+
+
+def variants(params):
+    """Small faults: each member left out, and each replaced by each wrong value."""
+    for name in params:
+        yield {key: value for key, value in params.items() if key != name}
+        for wrong in WRONG:
+            yield {**params, name: wrong}
+        if isinstance(params[name], dict):
+            for inner in variants(params[name]):
+                yield {**params, name: inner}
+    yield {**params, "no_such_member": [1]}
+
+
+# What the decoder refuses and a schema cannot: ties between members, lengths that are no multiple.
+BEYOND_SCHEMAS = {"count_mismatch", "not_finite"}
+BEYOND_SENTENCES = ("rows of", "protocol.min is")
+
+
+def holds_reference(value):
+    """Whether there is {"buffer": 0} in it, and no buffer is sent with these cases."""
+    if isinstance(value, dict):
+        return value == {"buffer": 0} or any(map(holds_reference, value.values()))
+    return False
+
+
+@pytest.mark.parametrize("index", range(len(EXAMPLES)),
+                         ids=[f"{i}-{name}" for i, (name, _) in enumerate(EXAMPLES)])
+def test_the_decoder_and_the_schema_agree(probe_path, index):
+    """What the schema takes the decoder takes, and the other way round."""
+    method, example = EXAMPLES[index]
+    cases = [example, *map(copy.deepcopy, variants(example))]
+    answers = ask(probe_path, (encode(method, case, i) for i, case in enumerate(cases)))
+    assert len(answers) == len(cases)
+    assert answers[0].error is None, answers[0].error
+    schema = schemas.validator(f"{method}.request")
+    for i, (case, answer) in enumerate(zip(cases, answers)):
+        assert answer.id == (None if method == "cancel" else i)
+        by_schema, error = schema.is_valid(case), answer.error
+        if error is None:
+            assert by_schema, case
+            continue
+        schemas.check("message", answer.raw, "failure")
+        assert error.message.startswith(f"{method}: ")
+        is_beyond = (error.name in BEYOND_SCHEMAS or holds_reference(case)
+                     or any(words in error.message for words in BEYOND_SENTENCES))
+        assert not by_schema or is_beyond, (case, error)

@@ -1,0 +1,515 @@
+/* Requests as values: each method's parameters, defaults, limits and sentences; arrays from
+ * buffers and from plain JSON. */
+#include "protocol_helpers.h"
+
+#include "protocol/request.h"
+
+#include <math.h>
+#include <stdio.h>
+
+/* Decodes a request for `method`; `members` go behind the params ("" or ",\"buffers\":..."). */
+static enum skd_status decode_with(struct skd_request *request, struct skd_error *error,
+                                   const char *method, const char *params, const char *members,
+                                   const void *tail, size_t tail_bytes)
+{
+    const char *id = strcmp(method, "cancel") == 0 ? "" : "\"id\":7,";
+    size_t bytes = strlen(params) + strlen(members) + strlen(method) + 80;
+    char *json = malloc(bytes);
+    assert_non_null(json);
+    (void)snprintf(json, bytes, "{\"jsonrpc\":\"2.0\",%s\"method\":\"%s\",\"params\":%s%s}", id,
+                   method, params, members);
+    struct skd_frame frame = frame_of(json, strlen(json), tail, tail_bytes);
+    free(json);
+    *error = (struct skd_error){0};
+    return skd_request_decode(&frame, request, error);
+}
+
+static enum skd_status decode(struct skd_request *request, const char *method, const char *params)
+{
+    struct skd_error error;
+    enum skd_status status = decode_with(request, &error, method, params, "", NULL, 0);
+    if (status != SKD_OK)
+        print_message("%s\n", error.text);
+    return status;
+}
+
+static void test_names_are_all_known(void **state)
+{
+    (void)state;
+    static const char *const wires[] = {
+#define WIRE(name, wire) wire,
+        SKD_REQUESTS(WIRE)
+#undef WIRE
+    };
+    assert_int_equal(sizeof wires / sizeof wires[0], SKD_REQUEST_METHOD_COUNT);
+    for (int i = 0; i < SKD_REQUEST_METHOD_COUNT; i++) {
+        struct skd_request request;
+        struct skd_error error;
+        enum skd_status status = decode_with(&request, &error, wires[i], "{}", "", NULL, 0);
+        assert_string_equal(skd_request_method_name((enum skd_request_method)i), wires[i]);
+        /* Whatever is missing in {}, the method is found. */
+        assert_int_equal(request.method, i);
+        assert_true(status == SKD_OK || status == SKD_BAD_PARAMS);
+        skd_request_finish(&request);
+    }
+}
+
+static void test_stroke_defaults(void **state)
+{
+    (void)state;
+    struct skd_request request;
+    assert_int_equal(decode(&request, "stroke.apply",
+                            "{\"session\":\"a\",\"pose\":\"rest\",\"vertices\":[5,0,4294967295],"
+                            "\"positions\":[[1,2,3],[0.1,-0.0,1e-40],[3.4028234e38,1e2,7]],"
+                            "\"colour\":\"unknown members are ignored\"}"),
+                     SKD_OK);
+    const struct skd_stroke_params *stroke = &request.params.stroke;
+    const uint32_t *vertices = stroke->vertices.data;
+    const float *positions = stroke->positions.data;
+    assert_string_equal(stroke->session, "a");
+    assert_string_equal(stroke->pose, "rest");
+    assert_int_equal(stroke->vertices.rows, 3);
+    assert_int_equal(stroke->positions.rows, 3);
+    assert_int_equal(stroke->positions.count, 9);
+    assert_int_equal(vertices[0], 5);
+    assert_int_equal(vertices[2], UINT32_MAX);
+    assert_true(positions[3] == 0.1f && signbit(positions[4]) && positions[5] == 1e-40f);
+    assert_true(positions[6] == 3.4028234e38f && positions[8] == 7.0f);
+    assert_true(stroke->stream);
+    assert_string_equal(skd_method_words[stroke->method], "exact");
+    assert_string_equal(skd_constraint_words[stroke->constraint], "simplex");
+    assert_true(stroke->stiffness == 0.008);
+    assert_true(stroke->thesis_k == 0.05);
+    assert_true(stroke->thesis_h == 1.2);
+    assert_int_equal(stroke->locked_bone_count, 0);
+    assert_null(stroke->locked_vertices.data);
+    skd_request_finish(&request);
+}
+
+static void test_stroke_options(void **state)
+{
+    (void)state;
+    struct skd_request request;
+    assert_int_equal(
+        decode(&request, "stroke.apply",
+               "{\"session\":\"a\",\"pose\":\"p\",\"vertices\":[],\"positions\":[],"
+               "\"stream\":false,\"method\":\"thesis\",\"constraint\":\"affine\",\"stiffness\":10,"
+               "\"thesis_k\":1e-300,\"thesis_h\":0,\"locked_bones\":[\"hip\",\"\"],"
+               "\"locked_vertices\":[1]}"),
+        SKD_OK);
+    const struct skd_stroke_params *stroke = &request.params.stroke;
+    assert_false(stroke->stream);
+    assert_string_equal(skd_method_words[stroke->method], "thesis");
+    assert_string_equal(skd_constraint_words[stroke->constraint], "affine");
+    assert_true(stroke->stiffness == 10 && stroke->thesis_k == 1e-300 && stroke->thesis_h == 0);
+    assert_int_equal(stroke->locked_bone_count, 2);
+    assert_string_equal(stroke->locked_bones[0], "hip");
+    assert_int_equal(stroke->locked_vertices.count, 1);
+    /* An empty list was given; that differs from none. */
+    assert_non_null(stroke->vertices.data);
+    assert_int_equal(stroke->vertices.count, 0);
+    skd_request_finish(&request);
+}
+
+#define STROKE "\"session\":\"a\",\"pose\":\"p\",\"vertices\":[1],\"positions\":[[1,2,3]]"
+#define RIG                                                                                        \
+    "\"positions\":[0,0,0],\"triangles\":[],\"bones\":{\"parents\":[-1],\"binds\":"                \
+    "[[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]]},\"influence_offsets\":[0,1],"                         \
+    "\"influence_joints\":[0],\"influence_weights\":[1]"
+
+/* What is refused, with which code, and words that the sentence must hold. */
+static const struct {
+    const char *method;
+    const char *params;
+    enum skd_status status;
+    const char *words;
+} refused[] = {
+    {"nosuch", "{}", SKD_UNKNOWN_METHOD, "\"nosuch\""},
+    {"Ping", "{}", SKD_UNKNOWN_METHOD, "\"Ping\""},
+    {"hello", "{}", SKD_BAD_PARAMS, "hello: protocol is missing"},
+    {"hello", "{\"protocol\":1}", SKD_BAD_PARAMS, "protocol is not an object"},
+    {"hello", "{\"protocol\":{\"min\":1}}", SKD_BAD_PARAMS, "max is missing"},
+    {"hello", "{\"protocol\":{\"min\":2,\"max\":1}}", SKD_BAD_PARAMS, "protocol.min is 2"},
+    {"hello", "{\"protocol\":{\"min\":1.5,\"max\":2}}", SKD_BAD_PARAMS, "min is not a whole"},
+    {"hello", "{\"protocol\":{\"min\":-1,\"max\":2}}", SKD_BAD_PARAMS, "min is -1"},
+    {"hello", "{\"protocol\":{\"min\":1,\"max\":3e9}}", SKD_BAD_PARAMS, "max is 3e+09"},
+    {"hello", "{\"protocol\":{\"min\":1,\"max\":1},\"client\":{\"name\":4}}", SKD_BAD_PARAMS,
+     "name is not a string"},
+    {"cancel", "{}", SKD_BAD_PARAMS, "cancel: id is missing"},
+    {"cancel", "{\"id\":1.5}", SKD_BAD_PARAMS, "id is not the id of a request"},
+    {"session.create", "{}", SKD_BAD_PARAMS, "positions is missing; give file, or"},
+    {"session.create", "{\"file\":\"a.glb\"}", SKD_BAD_PARAMS, "file is not an absolute path"},
+    {"session.create", "{\"file\":\"\"}", SKD_BAD_PARAMS, "file has 0 bytes"},
+    {"session.create", "{\"file\":\"/a\",\"influences\":5}", SKD_BAD_PARAMS, "it is 4 or 8"},
+    {"session.create", "{\"file\":\"/a\",\"influences\":16}", SKD_BAD_PARAMS, "it may be 4 to 8"},
+    {"session.create", "{\"file\":\"/a\",\"fill\":\"all\"}", SKD_BAD_PARAMS,
+     "fill is not one of hop, infect, neighbours, none"},
+    {"session.create", "{\"file\":\"/a\",\"reduce\":true}", SKD_BAD_PARAMS,
+     "reduce is not one of refuse, largest"},
+    {"session.create", "{\"file\":\"/a\",\"name\":\"a/b\"}", SKD_BAD_PARAMS, "name is \"a/b\""},
+    {"session.create", "{\"file\":\"/a\",\"name\":\".a\"}", SKD_BAD_PARAMS, "does not begin"},
+    {"session.create", "{\"file\":\"/a\",\"name\":\"\"}", SKD_BAD_PARAMS, "name has 0 bytes"},
+    {"session.create", "{\"file\":\"/a\",\"positions\":[]}", SKD_BAD_PARAMS, "give one of them"},
+    {"session.create", "{\"file\":\"/a\"," RIG "}", SKD_BAD_PARAMS, "give one of them"},
+    {"session.create", "{\"positions\":[0,0,0]}", SKD_BAD_PARAMS, "triangles is missing"},
+    {"session.create", "{\"bones\":{\"parents\":[]}}", SKD_BAD_PARAMS, "binds is missing"},
+    {"session.create", "{\"bones\":[]}", SKD_BAD_PARAMS, "bones is not an object"},
+    {"session.info", "{}", SKD_BAD_PARAMS, "session.info: session is missing"},
+    {"session.info", "{\"session\":7}", SKD_BAD_PARAMS, "session is not a string"},
+    {"session.attach", "{\"session\":\"a\",\"revision\":-1}", SKD_BAD_PARAMS,
+     "revision is -1; it must not be below 0"},
+    {"session.attach", "{\"session\":\"a\",\"revision\":0.5}", SKD_BAD_PARAMS, "whole number"},
+    {"session.export", "{\"session\":\"a\",\"path\":\"b\"}", SKD_BAD_PARAMS, "begin it with '/'"},
+    {"pose.set", "{\"session\":\"a\",\"pose\":\"\",\"clip\":\"c\",\"time\":0}", SKD_BAD_PARAMS,
+     "pose has 0 bytes"},
+    {"pose.set", "{\"session\":\"a\",\"pose\":\"p\"}", SKD_BAD_PARAMS, "clip and time, or"},
+    {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"clip\":\"c\"}", SKD_BAD_PARAMS, "clip and"},
+    {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"time\":1}", SKD_BAD_PARAMS, "clip and"},
+    {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"time\":1,\"matrices\":[]}", SKD_BAD_PARAMS,
+     "clip and"},
+    {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"clip\":\"c\",\"time\":1,\"matrices\":[]}",
+     SKD_BAD_PARAMS, "not both"},
+    {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"clip\":\"c\",\"time\":1e999}", SKD_NOT_FINITE,
+     "time is not finite"},
+    {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"matrices\":[1,2,3]}", SKD_BAD_PARAMS,
+     "rows of 16 numbers"},
+    {"pose.evaluate", "{\"session\":\"a\",\"pose\":\"p\",\"vertices\":7}", SKD_BAD_PARAMS,
+     "vertices is not a flat list"},
+    {"stroke.apply", "{\"session\":\"a\",\"pose\":\"p\",\"vertices\":[1]}", SKD_BAD_PARAMS,
+     "stroke.apply: positions is missing"},
+    {"stroke.apply",
+     "{\"session\":\"a\",\"pose\":\"p\",\"vertices\":[1,2],\"positions\":[[1,2,3]]}",
+     SKD_COUNT_MISMATCH,
+     "stroke.apply: positions has 1 rows but vertices has 2; send one position a vertex"},
+    {"stroke.apply", "{" STROKE ",\"stream\":1}", SKD_BAD_PARAMS, "neither true nor false"},
+    {"stroke.apply", "{" STROKE ",\"method\":\"magic\"}", SKD_BAD_PARAMS, "exact, thesis"},
+    {"stroke.apply", "{" STROKE ",\"constraint\":0}", SKD_BAD_PARAMS, "simplex, affine"},
+    {"stroke.apply", "{" STROKE ",\"stiffness\":-0.001}", SKD_BAD_PARAMS, "it may be 0 to 10"},
+    {"stroke.apply", "{" STROKE ",\"stiffness\":10.001}", SKD_BAD_PARAMS, "stiffness is 10.001"},
+    {"stroke.apply", "{" STROKE ",\"stiffness\":1e999}", SKD_NOT_FINITE, "stiffness"},
+    {"stroke.apply", "{" STROKE ",\"stiffness\":null}", SKD_BAD_PARAMS, "not a number"},
+    {"stroke.apply", "{" STROKE ",\"thesis_k\":0}", SKD_BAD_PARAMS, "must be above 0"},
+    {"stroke.apply", "{" STROKE ",\"thesis_h\":-1}", SKD_BAD_PARAMS, "must not be below 0"},
+    {"stroke.apply", "{" STROKE ",\"locked_bones\":\"hip\"}", SKD_BAD_PARAMS, "list of strings"},
+    {"stroke.apply", "{" STROKE ",\"locked_bones\":[1]}", SKD_BAD_PARAMS, "list of strings"},
+    {"stroke.apply", "{" STROKE ",\"locked_vertices\":[[1]]}", SKD_BAD_PARAMS, "flat list"},
+};
+
+static void test_what_is_refused(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof refused / sizeof refused[0]; i++) {
+        struct skd_request request;
+        struct skd_error error;
+        enum skd_status status =
+            decode_with(&request, &error, refused[i].method, refused[i].params, "", NULL, 0);
+        if (status != refused[i].status || strstr(error.text, refused[i].words) == NULL)
+            fail_msg("%s %s: status %d, \"%s\"", refused[i].method, refused[i].params, status,
+                     error.text);
+        if (strcmp(refused[i].method, "cancel") != 0)
+            assert_true(request.message.id.kind == SKD_ID_NUMBER && request.message.id.number == 7);
+        skd_request_finish(&request);
+    }
+}
+
+/* Replaces `from` by `to` in RIG and decodes. */
+static enum skd_status decode_rig(const char *from, const char *to)
+{
+    struct skd_request request;
+    struct skd_error error;
+    char params[1024];
+    static const char rig[] = "{" RIG "}";
+    const char *at = strstr(rig, from);
+    assert_non_null(at);
+    (void)snprintf(params, sizeof params, "%.*s%s%s", (int)(at - rig), rig, to, at + strlen(from));
+    enum skd_status status = decode_with(&request, &error, "session.create", params, "", NULL, 0);
+    skd_request_finish(&request);
+    return status;
+}
+
+static void test_rig_arrays(void **state)
+{
+    (void)state;
+    struct skd_request request;
+    assert_int_equal(decode(&request, "session.create",
+                            "{\"influences\":8,\"fill\":\"none\"," RIG ",\"reduce\":\"largest\"}"),
+                     SKD_OK);
+    const struct skd_session_create_params *rig = &request.params.session_create;
+    assert_null(rig->name);
+    assert_null(rig->file);
+    assert_null(rig->bone_names);
+    assert_int_equal(rig->influences, 8);
+    assert_string_equal(skd_fill_words[rig->fill], "none");
+    assert_int_equal(rig->reduce, SKD_REDUCE_LARGEST);
+    assert_int_equal(rig->positions.rows, 1);
+    assert_int_equal(((const int32_t *)rig->bone_parents.data)[0], -1);
+    assert_int_equal(rig->bone_binds.rows, 1);
+    assert_true(((const double *)rig->bone_binds.data)[15] == 1);
+    skd_request_finish(&request);
+
+    assert_int_equal(
+        decode(&request, "session.create", "{\"file\":\"/a b.glb\",\"name\":\"A-z.0_\"}"), SKD_OK);
+    assert_string_equal(request.params.session_create.file, "/a b.glb");
+    assert_string_equal(request.params.session_create.name, "A-z.0_");
+    assert_int_equal(request.params.session_create.influences, 4);
+    assert_string_equal(skd_fill_words[request.params.session_create.fill], "neighbours");
+    assert_int_equal(request.params.session_create.reduce, SKD_REDUCE_REFUSE);
+    skd_request_finish(&request);
+
+    assert_int_equal(decode_rig("[0,1]", "[0,1]"), SKD_OK);
+    assert_int_equal(decode_rig("[0,1]", "[0]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_rig("[0,1]", "[0,1,1]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_rig("\"influence_weights\":[1]", "\"influence_weights\":[]"),
+                     SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_rig("[-1]", "[-1,0]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_rig("[-1]", "[-1],\"names\":[\"hip\"]"), SKD_OK);
+    assert_int_equal(decode_rig("[-1]", "[-1],\"names\":[]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_rig("[-1]", "[-1],\"names\":[\"hip\",\"knee\"]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_rig("\"influence_joints\":[0]", "\"influence_joints\":[65535]"),
+                     SKD_OK);
+    assert_int_equal(decode_rig("\"influence_joints\":[0]", "\"influence_joints\":[65536]"),
+                     SKD_BAD_PARAMS);
+    /* A matrix may be written as its rows, and then wholly so. */
+    static const char flat[] = "[[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]]";
+    assert_int_equal(decode_rig(flat, "[[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]"), SKD_OK);
+    assert_int_equal(decode_rig(flat, "[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]"), SKD_OK);
+    assert_int_equal(decode_rig(flat, "[[[1,0,0,0],0,1,0,0,[0,0,1,0],[0,0,0,1]]]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_rig(flat, "[[[1,0,0],[0,0,1,0,0],[0,0,1,0],[0,0,0,1]]]"),
+                     SKD_BAD_PARAMS);
+}
+
+/* positions as plain JSON. */
+static enum skd_status decode_positions(const char *positions, size_t *rows)
+{
+    struct skd_request request;
+    struct skd_error error;
+    char params[512];
+    (void)snprintf(params, sizeof params, "{\"positions\":%s,\"triangles\":[]}", positions);
+    enum skd_status status = decode_with(&request, &error, "session.create", params, "", NULL, 0);
+    *rows = request.params.session_create.positions.rows;
+    /* What follows positions is missing in any case. */
+    if (status == SKD_BAD_PARAMS && strstr(error.text, "bones is missing") != NULL)
+        status = SKD_OK;
+    skd_request_finish(&request);
+    return status;
+}
+
+static void test_arrays_as_json(void **state)
+{
+    (void)state;
+    size_t rows;
+    assert_int_equal(decode_positions("[]", &rows), SKD_OK);
+    assert_int_equal(rows, 0);
+    assert_int_equal(decode_positions("[1,2,3,4,5,6]", &rows), SKD_OK);
+    assert_int_equal(rows, 2);
+    assert_int_equal(decode_positions("[[1,2,3],[4,5,6],[7,8,9]]", &rows), SKD_OK);
+    assert_int_equal(rows, 3);
+    assert_int_equal(decode_positions("[1,2,3,4]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[[1,2,3],4,5,6]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[1,2,[3]]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[[1,2]]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[[1,2,3,4],[5,6]]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[[1,2,3],[4,5,6,7]]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[[[1],2,3]]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[{\"x\":1,\"y\":2,\"z\":3}]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("{\"x\":[1,2,3]}", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("\"abc\"", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("null", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[1,2,\"3\"]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[1,2,true]", &rows), SKD_BAD_PARAMS);
+    assert_int_equal(decode_positions("[1,2,null]", &rows), SKD_NOT_FINITE);
+    assert_int_equal(decode_positions("[1,2,1e39]", &rows), SKD_NOT_FINITE);
+    assert_int_equal(decode_positions("[1,2,-1e999]", &rows), SKD_NOT_FINITE);
+    assert_int_equal(decode_positions("{\"buffer\":0}", &rows), SKD_BAD_PARAMS);
+}
+
+static enum skd_status decode_vertices(const char *vertices)
+{
+    struct skd_request request;
+    struct skd_error error;
+    char params[256];
+    (void)snprintf(params, sizeof params, "{\"session\":\"a\",\"vertices\":%s}", vertices);
+    enum skd_status status = decode_with(&request, &error, "weights.get", params, "", NULL, 0);
+    if (status == SKD_OK)
+        assert_true(request.params.weights_get.vertices_given);
+    skd_request_finish(&request);
+    return status;
+}
+
+static void test_whole_numbers_as_json(void **state)
+{
+    (void)state;
+    assert_int_equal(decode_vertices("[0,4294967295,-0.0,1e3]"), SKD_OK);
+    assert_int_equal(decode_vertices("[]"), SKD_OK);
+    assert_int_equal(decode_vertices("[4294967296]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_vertices("[-1]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_vertices("[0.5]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_vertices("[1e999]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_vertices("[null]"), SKD_BAD_PARAMS);
+    struct skd_request request;
+    assert_int_equal(decode(&request, "weights.get", "{\"session\":\"a\"}"), SKD_OK);
+    assert_false(request.params.weights_get.vertices_given);
+    skd_request_finish(&request);
+}
+
+/* weights.get with vertices, and pose.set with matrices, out of a tail of 256 bytes. */
+static enum skd_status decode_buffer(const char *method, const char *params, const char *dtype,
+                                     const char *shape, struct skd_request *request)
+{
+    unsigned char tail[256];
+    struct skd_error error;
+    char members[128];
+    for (size_t i = 0; i < sizeof tail; i++)
+        tail[i] = (unsigned char)i;
+    (void)snprintf(members, sizeof members,
+                   ",\"buffers\":[{\"dtype\":\"%s\",\"shape\":%s,\"offset\":0}]", dtype, shape);
+    return decode_with(request, &error, method, params, members, tail, sizeof tail);
+}
+
+static void check_vertices(const char *index, const char *dtype, const char *shape,
+                           enum skd_status expected)
+{
+    struct skd_request request;
+    char params[64];
+    (void)snprintf(params, sizeof params, "{\"session\":\"a\",\"vertices\":{\"buffer\":%s}}",
+                   index);
+    assert_int_equal(decode_buffer("weights.get", params, dtype, shape, &request), expected);
+    if (expected == SKD_OK) {
+        /* No copy: the data lies in the frame's tail. */
+        assert_ptr_equal(request.params.weights_get.vertices.data, request.message.frame.tail);
+        assert_int_equal(request.owned_count, 0);
+    }
+    skd_request_finish(&request);
+}
+
+static void check_matrices(const char *shape, enum skd_status expected, size_t rows)
+{
+    struct skd_request request;
+    static const char params[] = "{\"session\":\"a\",\"pose\":\"p\",\"matrices\":{\"buffer\":0}}";
+    assert_int_equal(decode_buffer("pose.set", params, "f64", shape, &request), expected);
+    if (expected == SKD_OK)
+        assert_int_equal(request.params.pose_set.matrices.rows, rows);
+    skd_request_finish(&request);
+}
+
+static void test_arrays_as_buffers(void **state)
+{
+    (void)state;
+    check_vertices("0", "u32", "[64]", SKD_OK);
+    check_vertices("0", "i32", "[64]", SKD_BAD_PARAMS);
+    check_vertices("0", "f32", "[64]", SKD_BAD_PARAMS);
+    check_vertices("0", "u8", "[64]", SKD_BAD_PARAMS);
+    check_vertices("0", "u32", "[64,1]", SKD_BAD_PARAMS);
+    check_vertices("1", "u32", "[64]", SKD_BAD_PARAMS);
+    check_vertices("-1", "u32", "[64]", SKD_BAD_PARAMS);
+    check_vertices("0.5", "u32", "[64]", SKD_BAD_PARAMS);
+    check_vertices("1e300", "u32", "[64]", SKD_BAD_PARAMS);
+    check_vertices("\"0\"", "u32", "[64]", SKD_BAD_PARAMS);
+    check_matrices("[2,4,4]", SKD_OK, 2);
+    check_matrices("[2,16]", SKD_OK, 2);
+    check_matrices("[32]", SKD_OK, 2);
+    check_matrices("[0,4,4]", SKD_OK, 0);
+    check_matrices("[1,2,8]", SKD_OK, 1);
+    check_matrices("[31]", SKD_BAD_PARAMS, 0);
+    check_matrices("[4,4]", SKD_BAD_PARAMS, 0);
+    check_matrices("[16,1]", SKD_BAD_PARAMS, 0);
+    /* No elements, but rows that a reader would believe. */
+    check_matrices("[1000000,0]", SKD_BAD_PARAMS, 0);
+    check_matrices("[1000000,0,4]", SKD_BAD_PARAMS, 0);
+}
+
+/* A string that begins with `first`, one byte below, at and above its limit. */
+static void check_text_limit(const char *method, const char *before, char first, const char *after,
+                             size_t most)
+{
+    for (size_t bytes = most - 1; bytes <= most + 1; bytes++) {
+        struct skd_request request;
+        struct skd_error error;
+        char text[SKD_PATH_BYTES_MAX + 2];
+        char params[SKD_PATH_BYTES_MAX + 128];
+        memset(text, 'a', bytes);
+        text[0] = first;
+        text[bytes] = '\0';
+        (void)snprintf(params, sizeof params, "{%s\"%s\"%s}", before, text, after);
+        assert_int_equal(decode_with(&request, &error, method, params, "", NULL, 0),
+                         bytes <= most ? SKD_OK : SKD_BAD_PARAMS);
+        skd_request_finish(&request);
+    }
+}
+
+static void test_lengths_of_strings(void **state)
+{
+    (void)state;
+    check_text_limit("session.info", "\"session\":", 'a', "", SKD_SESSION_NAME_BYTES_MAX);
+    check_text_limit("pose.evaluate", "\"session\":\"a\",\"pose\":", 'a', "",
+                     SKD_POSE_NAME_BYTES_MAX);
+    check_text_limit("session.create", "\"file\":", '/', "", SKD_PATH_BYTES_MAX);
+    check_text_limit("session.export", "\"session\":\"a\",\"path\":", '/', "", SKD_PATH_BYTES_MAX);
+    check_text_limit("hello", "\"protocol\":{\"min\":1,\"max\":1},\"client\":{\"name\":", 'a', "}",
+                     SKD_CLIENT_NAME_BYTES_MAX);
+}
+
+static void test_hello_and_cancel(void **state)
+{
+    (void)state;
+    struct skd_request request;
+    assert_int_equal(decode(&request, "hello", "{\"protocol\":{\"min\":1,\"max\":3}}"), SKD_OK);
+    assert_int_equal(request.params.hello.protocol_min, 1);
+    assert_int_equal(request.params.hello.protocol_max, 3);
+    assert_string_equal(request.params.hello.client_name, "");
+    assert_string_equal(request.params.hello.client_version, "");
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "hello",
+                            "{\"protocol\":{\"min\":1,\"max\":1},"
+                            "\"client\":{\"name\":\"Bl\\u00e9nder\",\"version\":\"3.4\"}}"),
+                     SKD_OK);
+    assert_string_equal(request.params.hello.client_name, "Bl\xC3\xA9nder");
+    assert_string_equal(request.params.hello.client_version, "3.4");
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "cancel", "{\"id\":\"stroke 5\"}"), SKD_OK);
+    assert_int_equal(request.message.id.kind, SKD_ID_NONE);
+    assert_string_equal(request.params.cancel.target.text, "stroke 5");
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "session.attach", "{\"session\":\"a\",\"revision\":12}"),
+                     SKD_OK);
+    assert_true(request.params.session.has_revision && request.params.session.revision == 12);
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "session.attach", "{\"session\":\"a\"}"), SKD_OK);
+    assert_false(request.params.session.has_revision);
+    skd_request_finish(&request);
+}
+
+static void test_who_is_answered(void **state)
+{
+    (void)state;
+    static const char *const bad[] = {
+        "{\"jsonrpc\":\"2.0\",\"method\":\"ping\"}",
+        "{\"jsonrpc\":\"2.0\",\"id\":1,\"method\":\"cancel\",\"params\":{\"id\":1}}",
+        "{\"jsonrpc\":\"2.0\",\"id\":1,\"result\":{}}",
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        struct skd_frame frame = frame_of(bad[i], strlen(bad[i]), NULL, 0);
+        struct skd_request request;
+        struct skd_error error;
+        assert_int_equal(skd_request_decode(&frame, &request, &error), SKD_BAD_REQUEST);
+        skd_request_finish(&request);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_names_are_all_known),
+        cmocka_unit_test(test_stroke_defaults),
+        cmocka_unit_test(test_stroke_options),
+        cmocka_unit_test(test_what_is_refused),
+        cmocka_unit_test(test_rig_arrays),
+        cmocka_unit_test(test_arrays_as_json),
+        cmocka_unit_test(test_whole_numbers_as_json),
+        cmocka_unit_test(test_arrays_as_buffers),
+        cmocka_unit_test(test_lengths_of_strings),
+        cmocka_unit_test(test_hello_and_cancel),
+        cmocka_unit_test(test_who_is_answered),
+    };
+    return cmocka_run_group_tests_name("protocol_request", tests, NULL, NULL);
+}
