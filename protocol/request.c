@@ -170,6 +170,13 @@ static const struct skd_field pose_set_fields[] = {
      .high = DBL_MAX,
      .fallback = NAN,
      AT(pose_set, time)},
+    {.name = "bend",
+     .kind = SKD_FIELD_NUMBER,
+     .low = -180,
+     .high = 180,
+     .fallback = NAN,
+     AT(pose_set, bend)},
+    {.name = "seed", .kind = SKD_FIELD_WHOLE, .low = 0, .high = INT_MAX, AT(pose_set, seed)},
     ARRAY(pose_set, "matrices", matrices, SKD_F64, 16),
     END,
 };
@@ -300,10 +307,11 @@ static enum skd_status check_pose_set(struct skd_request *request, struct skd_er
     const struct skd_pose_set_params *pose = &request->params.pose_set;
     bool has_clip = pose->clip != NULL;
     bool has_time = !isnan(pose->time);
+    bool has_bend = !isnan(pose->bend);
     bool has_matrices = pose->matrices.data != NULL;
-    if (has_clip != has_time || has_clip == has_matrices)
+    if (has_clip != has_time || has_clip + has_bend + has_matrices != 1)
         return skd_fail(error, SKD_BAD_PARAMS,
-                        "pose.set: give clip and time, or matrices, and not both");
+                        "pose.set: give one of clip and time, bend, or matrices");
     return SKD_OK;
 }
 

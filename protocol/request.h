@@ -86,8 +86,10 @@ struct skd_session_params {
 struct skd_pose_set_params {
     const char *session;
     const char *pose;
-    const char *clip;          /* with time; NULL: matrices */
+    const char *clip;          /* with time; NULL: bend or matrices */
     double time;               /* seconds */
+    double bend;               /* degrees, every joint, axes chosen by seed; NAN: not given */
+    int seed;
     struct skd_array matrices; /* f64 [B,16] */
 };
 

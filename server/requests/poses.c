@@ -7,8 +7,11 @@
 
 #include "rig/pose.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
+
+static const double RAD_PER_DEGREE = 3.14159265358979323846 / 180;
 
 static enum skd_status make_pose(const struct skd_session *session,
                                  const struct skd_pose_set_params *params, struct skd_pose *pose,
@@ -19,6 +22,10 @@ static enum skd_status make_pose(const struct skd_session *session,
     if (strcmp(params->pose, "rest") == 0)
         return skd_fail(error, SKD_NAME_TAKEN,
                         "the pose \"rest\" is the rig's own; choose another name");
+    if (!isnan(params->bend)) {
+        skd_pose_bend(rig, (uint32_t)params->seed, params->bend * RAD_PER_DEGREE, pose->matrices);
+        return SKD_OK;
+    }
     if (params->clip == NULL) {
         if (params->matrices.count != bones * 16)
             return skd_fail(error, SKD_COUNT_MISMATCH,

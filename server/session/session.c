@@ -18,10 +18,9 @@ static enum skd_status refuse_cut(const struct skd_influences *influences, size_
     for (size_t v = 0; v < vertex_count; v++)
         over += influences->offsets[v + 1] - influences->offsets[v] > (uint32_t)slot_count;
     return skd_fail(error, SKD_TOO_MANY_INFLUENCES,
-                    "%zu of %zu vertices have more than %d influences (up to %d); ask for %s "
-                    "reduce \"largest\" to keep each one's largest %d",
-                    over, vertex_count, slot_count, influences->most,
-                    slot_count < 8 ? "influences 8, or" : "", slot_count);
+                    "%zu of %zu vertices have more than %d influences (up to %d), and none is cut "
+                    "without being told to",
+                    over, vertex_count, slot_count, influences->most);
 }
 
 /* Slots, weights and anchor; the hop table and the fill's scratch are gone when it returns. */

@@ -48,7 +48,7 @@ class Cli:
                               env=self.env, text=True, capture_output=True, timeout=120, **options)
         assert done.returncode == status, f"{arguments}: {done.stdout}\n{done.stderr}"
         if status != 0 and done.stderr:
-            assert done.stderr.startswith("skinctl: "), done.stderr
+            assert done.stderr.splitlines()[-1].startswith("skinctl: "), done.stderr
         return done
 
     def json(self, *arguments: object, **options: object):
@@ -94,6 +94,14 @@ def body(cli: Cli, humanoid: Path) -> Cli:
     return cli
 
 
+def is_running(pid: int) -> bool:
+    """A process that is dead but not waited for does not run."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
+    except FileNotFoundError:
+        return False
+
+
 # ---- the daemon ----
 
 
@@ -109,8 +117,7 @@ def test_start_status_stop(cli: Cli) -> None:
     assert cli.socket.parent.stat().st_mode & 0o777 == 0o700
     assert cli.json("stop") == {"stopped": True}
     assert not cli.socket.exists()
-    with pytest.raises(ProcessLookupError):
-        os.kill(started["pid"], 0)
+    assert not is_running(started["pid"])
     assert cli.json("stop") == {"stopped": False}
 
 
@@ -444,6 +451,7 @@ def test_weights_text_json_and_raw_agree(body: Cli) -> None:
     answer = body.json("weights")
     assert np.array_equal(np.array(answer["joints"], np.uint16), joints)
     assert np.array_equal(np.array(answer["weights"], np.float32), weights)
+    assert body.json("weights", "--raw", "w") == {"raw": "w", "vertices": VERTICES}
     part = body.json("weights", "--vertices", "7,3-4")
     assert np.array_equal(np.array(part["weights"], np.float32), weights[[7, 3, 4]])
     lines = body.run("weights", "--vertices", "7,3-4").stdout.splitlines()
@@ -594,7 +602,7 @@ def test_script_for_real_characters(cli: Cli, name: str, poses: int) -> None:
     made = cli.run("script")
     assert ("has no clips" in made.stderr) == (poses == 0)
     (cli.folder / "s.yaml").write_text(made.stdout)
-    report = cli.json("replay", "s.yaml", "--export", "out.glb")
+    report = cli.json("replay", "s.yaml", "--export", "out" + Path(name).suffix)
     assert len({stroke["pose"] for stroke in report["strokes"]} - {"rest"}) == poses
     assert len(report["strokes"]) == 6 and report["export"]["bytes"] > 0
 
@@ -692,7 +700,7 @@ def on_terminal(cli: Cli, *arguments: object) -> str:
 
 
 def test_progress_is_for_terminals(cli: Cli) -> None:
-    arguments = ["generate", "--vertices", 600000, "large.glb"]
+    arguments = ["generate", "--vertices", 1000000 if QUICK else 4000000, "large.glb"]  # > 0.3 s
     shown = on_terminal(cli, *arguments)
     assert "generating" in shown and " %" in shown and shown.endswith("\r\x1b[K")
     assert "generating" not in on_terminal(cli, "-q", *arguments)

@@ -252,3 +252,25 @@ def test_locks_and_methods(daemon) -> None:
         assert affine["residual"]["after"]["mean"] <= affine["residual"]["before"]["mean"]
         link.call("stroke.apply", {**stroke, "method": "thesis"})
         np.testing.assert_allclose(everything(link)[1].sum(1), 1, atol=2e-7)
+
+
+def test_a_bent_pose_turns_every_joint_by_that_angle(daemon) -> None:
+    with daemon.link() as link:
+        _, rig = open_sheet(link)
+        rest = link.call("pose.evaluate", {"session": "sheet", "pose": "rest"})["positions"]
+        shapes = []
+        for seed in (0, 1, 0):
+            link.call("pose.set", {"session": "sheet", "pose": "b", "bend": 25, "seed": seed})
+            shapes.append(link.call("pose.evaluate", {"session": "sheet", "pose": "b"})["positions"])
+        np.testing.assert_array_equal(shapes[0], shapes[2])
+        assert np.abs(shapes[0] - shapes[1]).max() > 0.05
+        # The first bone alone carries the bottom row: a turn by 25 degrees about the origin.
+        joints, weights = everything(link)
+        alone = ((joints == 0) & (weights == 1)).any(1)
+        length = np.linalg.norm(rest[alone], axis=1)
+        np.testing.assert_allclose(np.linalg.norm(shapes[0][alone], axis=1), length, atol=1e-6)
+        chord = np.linalg.norm(shapes[0][alone] - rest[alone], axis=1)
+        assert (chord <= 2 * length * np.sin(np.radians(12.5)) + 1e-6).all()
+        link.call("pose.set", {"session": "sheet", "pose": "b", "bend": 0})
+        flat = link.call("pose.evaluate", {"session": "sheet", "pose": "b"})["positions"]
+        np.testing.assert_allclose(flat, rest, atol=1e-6)

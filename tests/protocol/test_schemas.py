@@ -38,6 +38,7 @@ EXAMPLES = [
     ("mesh.get", {"session": "a"}),
     ("pose.set", {"session": "a", "pose": "p", "clip": "walk", "time": 0.5}),
     ("pose.set", {"session": "a", "pose": "p", "matrices": [MATRIX, MATRIX]}),
+    ("pose.set", {"session": "a", "pose": "p", "bend": 25, "seed": 1}),
     ("pose.evaluate", {"session": "a", "pose": "p", "vertices": [1, 2]}),
     ("stroke.apply", {"session": "a", "pose": "p", "vertices": [1], "positions": [[1, 2, 3]],
                       "stream": False, "method": "thesis", "constraint": "affine",
