@@ -13,9 +13,6 @@
 
 enum { QUOTED_BYTES = 80 };
 
-const char *const skd_method_words[] = {"exact", "thesis", NULL};
-const char *const skd_constraint_words[] = {"simplex", "affine", NULL};
-const char *const skd_fill_words[] = {"hop", "infect", "neighbours", "none", NULL};
 static const char *const reduce_words[] = {"refuse", "largest", NULL};
 
 _Static_assert(sizeof(enum skd_reduce) == sizeof(int), "read as a word");
@@ -351,25 +348,13 @@ static const struct {
     [SKD_REQUEST_SHUTDOWN] = {no_fields, NULL},
 };
 
-static const char *const method_names[SKD_REQUEST_METHOD_COUNT] = {
-#define SKD_REQUEST_NAME(name, wire) [SKD_REQUEST_##name] = wire,
-    SKD_REQUESTS(SKD_REQUEST_NAME)
-#undef SKD_REQUEST_NAME
-};
-
-const char *skd_request_method_name(enum skd_request_method method)
-{
-    SKD_ASSERT((unsigned)method < SKD_REQUEST_METHOD_COUNT);
-    return method_names[method];
-}
-
 static enum skd_status find_method(struct skd_request *request, struct skd_error *error)
 {
     const char *name = request->message.method;
     if (name == NULL)
         return skd_fail(error, SKD_BAD_REQUEST, "this is an answer, and nothing was asked");
     for (int i = 0; i < SKD_REQUEST_METHOD_COUNT; i++)
-        if (strcmp(name, method_names[i]) == 0) {
+        if (strcmp(name, skd_request_method_name((enum skd_request_method)i)) == 0) {
             request->method = (enum skd_request_method)i;
             return SKD_OK;
         }

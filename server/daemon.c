@@ -3,6 +3,7 @@
 
 #include "base/log.h"
 #include "requests/call.h"
+#include "requests/close.h"
 #include "requests/handlers.h"
 #include "requests/live.h"
 
@@ -34,7 +35,7 @@ static void on_closed(void *user, struct skd_connection *connection)
     struct skd_live *live, *next;
     HASH_DEL(daemon->connections, connection);
     HASH_ITER(hh, daemon->sessions, live, next)
-        skd_live_detach(live, connection->id);
+    skd_live_detach(live, connection->id);
     skd_log(SKD_LOG_DEBUG, "connection %llu is gone", (unsigned long long)connection->id);
 }
 
@@ -130,7 +131,7 @@ static void on_stopping(uv_timer_t *timer)
     if (daemon->calls != NULL)
         return;
     HASH_ITER(hh, daemon->connections, connection, next)
-        say_bye(connection, "skind is stopping");
+    say_bye(connection, "skind is stopping");
     uv_close((uv_handle_t *)timer, NULL);
 }
 
@@ -164,7 +165,7 @@ static void close_sessions(struct skd_daemon *daemon)
 {
     struct skd_live *live, *next;
     HASH_ITER(hh, daemon->sessions, live, next)
-        skd_live_close(daemon, live, "skind is stopping");
+    skd_session_close(daemon, live, "skind is stopping");
 }
 
 enum skd_status skd_daemon_run(struct skd_daemon *daemon, const struct skd_daemon_options *options,

@@ -32,7 +32,7 @@ struct skd_live {
     char name[SKD_SESSION_NAME_BYTES_MAX + 1];
     UT_hash_handle hh;
     struct skd_session *session; /* NULL while it is being loaded */
-    bool closed;                 /* out of the table; goes when its running call ends */
+    bool closed;                 /* goes when its running call ends */
     struct skd_call *running;    /* the call whose turn it is */
     struct skd_call *waiting;    /* list */
     bool serving;                /* requests/live.c is handing the turn out */

@@ -57,8 +57,7 @@ static int read_options(int argc, const char **argv, struct skd_daemon_options *
     else if (poptPeekArg(context) != NULL)
         fprintf(stderr, "skind: what is \"%s\"? see skind --help\n", poptPeekArg(context));
     else if (workers < 0 || workers > WORKERS_MAX || idle_exit < 0)
-        fprintf(stderr, "skind: --workers takes 1 to %d, --idle-exit whole seconds\n",
-                WORKERS_MAX);
+        fprintf(stderr, "skind: --workers takes 1 to %d, --idle-exit whole seconds\n", WORKERS_MAX);
     else if (level_word == NULL || parse_level(level_word, &level) == 0)
         result = 0;
     if (result == 0 && help) {

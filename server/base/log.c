@@ -32,8 +32,7 @@ void skd_log(enum skd_log_level level, const char *format, ...)
     int written = vsnprintf(line + used, sizeof line - used - 1, format, arguments);
     va_end(arguments);
     if (written > 0)
-        used += (size_t)written < sizeof line - used - 1 ? (size_t)written
-                                                         : sizeof line - used - 2;
+        used += (size_t)written < sizeof line - used - 1 ? (size_t)written : sizeof line - used - 2;
     line[used++] = '\n';
     /* stderr may be closed; there is nobody left to tell. */
     ssize_t ignored = write(STDERR_FILENO, line, used);

@@ -17,8 +17,7 @@ enum skd_status skd_socket_path(const char *chosen, char path[SKD_SOCKET_PATH_BY
     else if (runtime != NULL && runtime[0] == '/')
         length = snprintf(path, SKD_SOCKET_PATH_BYTES, "%s/skind/skind.sock", runtime);
     else
-        length = snprintf(path, SKD_SOCKET_PATH_BYTES, "/tmp/skind-%ld/skind.sock",
-                          (long)getuid());
+        length = snprintf(path, SKD_SOCKET_PATH_BYTES, "/tmp/skind-%ld/skind.sock", (long)getuid());
     if (length < 0 || length >= SKD_SOCKET_PATH_BYTES)
         return skd_fail(error, SKD_BAD_PARAMS,
                         "the socket path is %d bytes long and a Unix socket takes %d; set "

@@ -14,8 +14,7 @@ enum { SKD_SOCKET_PATH_BYTES = 108 }; /* sun_path, its NUL included */
 /* Writes the socket's path: `chosen` if not NULL, else $SKIND_SOCKET, else
  * $XDG_RUNTIME_DIR/skind/skind.sock, else /tmp/skind-<uid>/skind.sock.
  * Errors: SKD_BAD_PARAMS when it does not fit a Unix socket address or is not absolute. */
-SKD_MUST_CHECK enum skd_status skd_socket_path(const char *chosen,
-                                               char path[SKD_SOCKET_PATH_BYTES],
+SKD_MUST_CHECK enum skd_status skd_socket_path(const char *chosen, char path[SKD_SOCKET_PATH_BYTES],
                                                struct skd_error *error);
 
 #endif

@@ -216,8 +216,7 @@ void skd_connection_send(struct skd_connection *connection, struct skd_outgoing 
     unsigned count = 0;
     request->connection = connection;
     request->outgoing = skd_outgoing_hold(outgoing);
-    request->buffers[count++] =
-        uv_buf_init((char *)encoded->head, (unsigned)encoded->head_bytes);
+    request->buffers[count++] = uv_buf_init((char *)encoded->head, (unsigned)encoded->head_bytes);
     for (int i = 0; i < encoded->piece_count; i++) {
         const struct skd_piece *piece = &encoded->pieces[i];
         /* uv_buf_t has no const; libuv only reads what it writes out. */

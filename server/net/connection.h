@@ -33,8 +33,8 @@ enum skd_hold { SKD_HOLD_UNANSWERED = 1, SKD_HOLD_WRITES = 2, SKD_HOLD_PARSING =
 
 struct skd_connection {
     uint64_t id;
-    UT_hash_handle hh; /* the daemon's table, by id */
-    bool greeted;      /* hello was answered */
+    UT_hash_handle hh;                          /* the daemon's table, by id */
+    bool greeted;                               /* hello was answered */
     char client[SKD_CLIENT_NAME_BYTES_MAX + 1]; /* as hello named it */
     /* The rest is net/connection.c's. */
     uv_pipe_t pipe;

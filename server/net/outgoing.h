@@ -11,7 +11,7 @@
 
 struct skd_outgoing {
     int references;
-    struct skd_encoded encoded; /* owned */
+    struct skd_encoded encoded;   /* owned */
     void (*release)(void *owner); /* may be NULL */
     void *owner;
 };

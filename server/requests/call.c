@@ -35,8 +35,8 @@ struct skd_connection *skd_call_connection(const struct skd_call *call)
     return connection;
 }
 
-void skd_call_send(struct skd_call *call, struct skd_encoded *encoded,
-                   void (*release)(void *owner), void *owner)
+void skd_call_send(struct skd_call *call, struct skd_encoded *encoded, void (*release)(void *owner),
+                   void *owner)
 {
     struct skd_connection *connection = skd_call_connection(call);
     struct skd_outgoing *outgoing = skd_outgoing_create(encoded, release, owner);
@@ -116,9 +116,9 @@ static void work_in_worker(uv_work_t *work)
     call->status = call->run(call, &call->error);
     if (call->status != SKD_OK || reply->body == NULL)
         return;
-    call->status = skd_encode_answer(call->mode, &call->request.message.id, reply->body,
-                                     reply->arrays, reply->array_count, &call->encoded,
-                                     &call->error);
+    call->status =
+        skd_encode_answer(call->mode, &call->request.message.id, reply->body, reply->arrays,
+                          reply->array_count, &call->encoded, &call->error);
     reply->body = NULL;
     if (call->status == SKD_OK && call->apply != NULL)
         call->apply(call);

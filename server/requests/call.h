@@ -48,8 +48,8 @@ struct skd_call {
     enum skd_status status;
     struct skd_error error;
     struct skd_reply reply;
-    struct skd_encoded encoded; /* the reply as bytes */
-    void *state;                /* a handler's own */
+    struct skd_encoded encoded;             /* the reply as bytes */
+    void *state;                            /* a handler's own */
     void (*dismiss)(struct skd_call *call); /* frees the state, however the call ends; or NULL */
 };
 
@@ -87,7 +87,7 @@ void skd_call_cancelled(const struct skd_call *call, struct skd_error *error);
 struct skd_connection *skd_call_connection(const struct skd_call *call);
 
 /* Sends an encoded message (taken over) to the call's connection; release(owner) when written. */
-void skd_call_send(struct skd_call *call, struct skd_encoded *encoded,
-                   void (*release)(void *owner), void *owner);
+void skd_call_send(struct skd_call *call, struct skd_encoded *encoded, void (*release)(void *owner),
+                   void *owner);
 
 #endif

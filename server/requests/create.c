@@ -5,6 +5,7 @@
  */
 #include "requests/handlers.h"
 
+#include "requests/close.h"
 #include "requests/describe.h"
 #include "requests/live.h"
 #include "rig/gltf.h"
@@ -58,9 +59,9 @@ static enum skd_status create(struct skd_call *call, struct skd_error *error)
     struct creating *creating = call->state;
     struct skd_rig *rig = NULL;
     struct skd_influences influences = {0};
-    enum skd_status status =
-        params->file != NULL ? skd_gltf_import(params->file, &rig, &influences, error)
-                             : build_from_arrays(params, &rig, &influences, error);
+    enum skd_status status = params->file != NULL
+                                 ? skd_gltf_import(params->file, &rig, &influences, error)
+                                 : build_from_arrays(params, &rig, &influences, error);
     if (status != SKD_OK)
         return status;
     struct skd_session_options options = {
@@ -94,7 +95,7 @@ static void dismiss(struct skd_call *call)
 {
     struct creating *creating = call->state;
     if (creating->live != NULL)
-        skd_live_close(call->daemon, creating->live, "it could not be made");
+        skd_session_close(call->daemon, creating->live, "it could not be made");
     skd_session_destroy(creating->session);
     free(creating);
 }

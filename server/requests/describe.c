@@ -114,7 +114,7 @@ cJSON *skd_describe_wholly(const struct skd_live *live)
     add_clips(object, &session->rig->nodes);
     cJSON *poses = cJSON_AddArrayToObject(object, "poses");
     HASH_ITER(hh, session->poses.by_name, pose, next)
-        cJSON_AddItemToArray(poses, cJSON_CreateString(pose->name));
+    cJSON_AddItemToArray(poses, cJSON_CreateString(pose->name));
     add_parts(object, &session->rig->mesh);
     add_notes(object, session->rig);
     cJSON_AddNumberToObject(object, "undo_steps", (double)session->history.position);

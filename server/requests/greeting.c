@@ -13,9 +13,9 @@
 
 /* Features by name; a client asks for these and not for a version. */
 static const char *const capabilities[] = {
-    "lines",          "session.file", "session.arrays",    "influences.8",
-    "method.exact",   "method.thesis", "constraint.affine", "locks",
-    "stroke.stream",  "history",       "export",            "updates",
+    "lines",         "session.file",      "session.arrays", "influences.8",  "method.exact",
+    "method.thesis", "constraint.affine", "locks",          "stroke.stream", "history",
+    "export",        "updates",           "pose.bend",
 };
 
 static void add_limits(cJSON *result)

@@ -37,8 +37,7 @@ static enum skd_status answer(struct skd_call *call, struct skd_error *error)
     size_t done = turning->undo ? history->position - 1 : history->position + 1;
     if (turning->want_line) {
         struct skd_update update = update_of(call, session->revision + 1);
-        enum skd_status status =
-            skd_update_encode(SKD_WIRE_LINES, &update, &turning->line, error);
+        enum skd_status status = skd_update_encode(SKD_WIRE_LINES, &update, &turning->line, error);
         if (status != SKD_OK)
             return status;
     }

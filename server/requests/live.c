@@ -2,7 +2,6 @@
 #include "requests/live.h"
 
 #include "requests/call.h"
-#include "requests/updates.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -32,8 +31,7 @@ enum skd_status skd_live_reserve(struct skd_daemon *daemon, const char *name,
     return SKD_OK;
 }
 
-struct skd_live *skd_live_find(struct skd_daemon *daemon, const char *name,
-                               struct skd_error *error)
+struct skd_live *skd_live_find(struct skd_daemon *daemon, const char *name, struct skd_error *error)
 {
     struct skd_live *live;
     HASH_FIND_STR(daemon->sessions, name, live);
@@ -44,16 +42,6 @@ struct skd_live *skd_live_find(struct skd_daemon *daemon, const char *name,
         live = NULL;
     }
     return live;
-}
-
-static void forget_listeners(struct skd_live *live)
-{
-    struct skd_listener_of_session *listener, *next;
-    LL_FOREACH_SAFE(live->listeners, listener, next)
-    {
-        LL_DELETE(live->listeners, listener);
-        free(listener);
-    }
 }
 
 static void destroy_if_left(struct skd_live *live)
@@ -80,16 +68,20 @@ static void serve(struct skd_live *live)
     destroy_if_left(live);
 }
 
-void skd_live_close(struct skd_daemon *daemon, struct skd_live *live, const char *reason)
+void skd_live_retire(struct skd_daemon *daemon, struct skd_live *live)
 {
     HASH_DEL(daemon->sessions, live);
+}
+
+void skd_live_dismiss(struct skd_live *live)
+{
+    struct skd_listener_of_session *listener, *next;
+    LL_FOREACH_SAFE(live->listeners, listener, next)
+    {
+        LL_DELETE(live->listeners, listener);
+        free(listener);
+    }
     live->closed = true;
-    skd_updates_closed(daemon, live, reason);
-    forget_listeners(live);
-    while (live->waiting != NULL)
-        skd_call_cancel(live->waiting, SKD_NO_SESSION);
-    if (live->running != NULL)
-        skd_call_cancel(live->running, SKD_NO_SESSION);
     destroy_if_left(live);
 }
 

@@ -17,9 +17,11 @@ SKD_MUST_CHECK enum skd_status skd_live_reserve(struct skd_daemon *daemon, const
 struct skd_live *skd_live_find(struct skd_daemon *daemon, const char *name,
                                struct skd_error *error);
 
-/* Takes the session out of the table, tells its listeners why, cancels its calls. Its memory goes
- * when the call that has the turn has ended. */
-void skd_live_close(struct skd_daemon *daemon, struct skd_live *live, const char *reason);
+/* The two halves of a session's end (requests/close.h is the whole): out of the table, so that
+ * nothing new finds it; then its listeners are forgotten and its memory goes, now or when the call
+ * that has the turn has ended. */
+void skd_live_retire(struct skd_daemon *daemon, struct skd_live *live);
+void skd_live_dismiss(struct skd_live *live);
 
 /* Turns. */
 void skd_live_queue(struct skd_live *live, struct skd_call *call);

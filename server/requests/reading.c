@@ -33,8 +33,7 @@ static enum skd_status get_weights(struct skd_call *call, struct skd_error *erro
     }
     for (size_t i = 0; params->vertices_given && i < count; i++) {
         memcpy(weights + i * slots, session->weights + vertices[i] * slots, slots * sizeof(float));
-        memcpy(joints + i * slots, session->joints + vertices[i] * slots,
-               slots * sizeof(uint16_t));
+        memcpy(joints + i * slots, session->joints + vertices[i] * slots, slots * sizeof(uint16_t));
     }
     struct skd_reply *reply = &call->reply;
     reply->body = cJSON_CreateObject();
@@ -111,8 +110,7 @@ static void begin_export(struct skd_call *call)
     skd_call_work(call, export_file, exported);
 }
 
-static void take_turn(struct skd_call *call, const char *name,
-                      void (*begin)(struct skd_call *call))
+static void take_turn(struct skd_call *call, const char *name, void (*begin)(struct skd_call *call))
 {
     struct skd_live *live = skd_call_find_session(call, name);
     if (live != NULL)

@@ -5,6 +5,7 @@
  */
 #include "requests/handlers.h"
 
+#include "requests/close.h"
 #include "requests/describe.h"
 #include "requests/live.h"
 
@@ -61,6 +62,6 @@ void skd_handle_session_close(struct skd_call *call)
     struct skd_live *live = skd_call_find_session(call, call->request.params.session.session);
     if (live == NULL)
         return;
-    skd_live_close(call->daemon, live, "a client closed it");
+    skd_session_close(call->daemon, live, "a client closed it");
     skd_call_answer(call, cJSON_CreateObject());
 }

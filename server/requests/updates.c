@@ -60,8 +60,8 @@ static void release_step(void *step)
 
 /* Sends one message to every listener of a mode. A connection that closes on the way takes itself
  * out of the list, hence the copy of `next`. */
-static void send_to_mode(struct skd_daemon *daemon, struct skd_live *live,
-                         enum skd_wire_mode mode, struct skd_outgoing *outgoing, uint64_t but)
+static void send_to_mode(struct skd_daemon *daemon, struct skd_live *live, enum skd_wire_mode mode,
+                         struct skd_outgoing *outgoing, uint64_t but)
 {
     struct skd_listener_of_session *listener, *next;
     LL_FOREACH_SAFE(live->listeners, listener, next)

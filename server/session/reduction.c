@@ -32,9 +32,9 @@ static void skin_all(const struct skd_influences *influences, const float *rest,
     for (uint32_t k = influences->offsets[vertex]; k < influences->offsets[vertex + 1]; k++) {
         const double *m = matrices + (size_t)influences->joints[k] * SKD_MATRIX_SIZE;
         for (int axis = 0; axis < 3; axis++, m += 4)
-            position[axis] += (double)influences->weights[k] *
-                              (m[0] * (double)rest[0] + m[1] * (double)rest[1] +
-                               m[2] * (double)rest[2] + m[3]);
+            position[axis] +=
+                (double)influences->weights[k] *
+                (m[0] * (double)rest[0] + m[1] * (double)rest[1] + m[2] * (double)rest[2] + m[3]);
     }
 }
 
@@ -47,14 +47,14 @@ enum skd_status skd_reduction_measure(const struct skd_session *session,
     double sum = 0;
     enum skd_status status = SKD_OK;
     *reduction = (struct skd_reduction){.pose_count = POSES_TRIED};
-    double *matrices =
-        malloc((size_t)rig->skeleton.bone_count * SKD_MATRIX_SIZE * sizeof(double));
+    double *matrices = malloc((size_t)rig->skeleton.bone_count * SKD_MATRIX_SIZE * sizeof(double));
     if (matrices == NULL)
         return skd_fail_memory(error, "measuring the reduction");
     for (int pose = 0; pose < POSES_TRIED && status == SKD_OK; pose++) {
         status = try_pose(rig, pose, matrices, error);
         for (uint32_t v = 0; v < rig->mesh.vertex_count && status == SKD_OK; v++) {
-            if (influences->offsets[v + 1] - influences->offsets[v] <= (uint32_t)session->slot_count)
+            if (influences->offsets[v + 1] - influences->offsets[v] <=
+                (uint32_t)session->slot_count)
                 continue;
             double whole[3];
             float kept[3];

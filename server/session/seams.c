@@ -43,8 +43,7 @@ static size_t emit_ring(const uint32_t *twins, uint32_t first, const struct name
     uint32_t vertex = first;
     do {
         const struct named key = {vertex, 0};
-        const struct named *found =
-            bsearch(&key, named, named_count, sizeof *named, compare_named);
+        const struct named *found = bsearch(&key, named, named_count, sizeof *named, compare_named);
         for (size_t axis = 0; found != NULL && axis < 3; axis++)
             sum[axis] += (double)positions[3 * (size_t)found->index + axis];
         found_count += found != NULL;
@@ -58,8 +57,8 @@ static size_t emit_ring(const uint32_t *twins, uint32_t first, const struct name
 
 /* Fills `seams` (whose arrays are there): loose vertices in their order, then the rings. */
 static size_t emit_all(const uint32_t *twins, const uint32_t *vertices, const float *positions,
-                       size_t count, const struct named *named, size_t named_count,
-                       uint8_t *walked, struct skd_seams *seams)
+                       size_t count, const struct named *named, size_t named_count, uint8_t *walked,
+                       struct skd_seams *seams)
 {
     size_t out = 0;
     for (size_t i = 0; i < count; i++) {
@@ -103,8 +102,8 @@ enum skd_status skd_seams_join(const struct skd_mesh *mesh, const uint32_t *vert
             goto fail;
         qsort(named, named_count, sizeof *named, compare_named);
         memset(walked, 0, bitmap_bytes);
-        seams->count = emit_all(twins, vertices, positions, count, named, named_count, walked,
-                                seams);
+        seams->count =
+            emit_all(twins, vertices, positions, count, named, named_count, walked, seams);
         SKD_ASSERT(seams->count == joined_count);
     }
     free(named);

@@ -18,9 +18,8 @@ struct skd_seams {
 /* Vertices without twins keep their order and come first; then each ring of twins, by its lowest
  * vertex, all with the mean of the positions that were named for the ring.
  * vertices: [count], each once, in range. Errors: SKD_NO_MEMORY. */
-SKD_MUST_CHECK enum skd_status skd_seams_join(const struct skd_mesh *mesh,
-                                              const uint32_t *vertices, const float *positions,
-                                              size_t count, struct skd_seams *seams,
-                                              struct skd_error *error);
+SKD_MUST_CHECK enum skd_status skd_seams_join(const struct skd_mesh *mesh, const uint32_t *vertices,
+                                              const float *positions, size_t count,
+                                              struct skd_seams *seams, struct skd_error *error);
 
 #endif

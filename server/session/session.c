@@ -137,7 +137,8 @@ void skd_session_write(struct skd_session *session, const struct skd_step *step,
 
 size_t skd_session_bytes(const struct skd_session *session)
 {
-    size_t pose_bytes = (size_t)session->rig->skeleton.bone_count * SKD_MATRIX_SIZE * sizeof(double);
+    size_t pose_bytes =
+        (size_t)session->rig->skeleton.bone_count * SKD_MATRIX_SIZE * sizeof(double);
     return sizeof *session + skd_rig_bytes(session->rig) +
            weight_count(session) * (sizeof(uint16_t) + 2 * sizeof(float)) +
            HASH_COUNT(session->poses.by_name) * (sizeof(struct skd_pose) + pose_bytes) +

@@ -44,12 +44,10 @@ struct skd_session_options {
 
 /* Makes a session from a rig and its influences: chooses slots, sets the anchor, adds the pose
  * "rest". Takes the rig over, also on failure. Errors: SKD_TOO_MANY_INFLUENCES, SKD_NO_MEMORY. */
-SKD_MUST_CHECK enum skd_status skd_session_create(struct skd_rig *rig,
-                                                  const struct skd_influences *influences,
-                                                  const char *source,
-                                                  const struct skd_session_options *options,
-                                                  struct skd_session **session,
-                                                  struct skd_error *error);
+SKD_MUST_CHECK enum skd_status
+skd_session_create(struct skd_rig *rig, const struct skd_influences *influences, const char *source,
+                   const struct skd_session_options *options, struct skd_session **session,
+                   struct skd_error *error);
 void skd_session_destroy(struct skd_session *session); /* NULL is fine */
 
 /* Writes a step's weights (its `after`, or its `before` when undoing) into the session. */
