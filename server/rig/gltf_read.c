@@ -5,6 +5,7 @@
 #include "rig/matrix.h"
 #include "rig/nodes.h"
 #include "rig/rig_derive.h"
+#include "rig/topology.h"
 
 #include <stdlib.h>
 
@@ -66,6 +67,9 @@ enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
     }
     made->source = source;
     status = read_file(source, made, influences, error);
+    /* Only a file splits vertices; a client's own array means each of its vertices. */
+    if (status == SKD_OK)
+        status = skd_topology_find_twins(&made->mesh, influences, error);
     if (status == SKD_OK)
         status = skd_rig_derive(made, influences, error);
     if (status != SKD_OK) {

@@ -93,7 +93,7 @@ struct skd_mesh {
     uint32_t *triangles; /* [triangles][3] */
     uint16_t *skins;     /* [V] skin of each vertex */
     /* Vertices that a file split at seams: same rest position, skin and influences. twins[v] is
-     * the next one of v's ring (v itself when alone); NULL when no vertex is split. */
+     * the next one of v's ring (v itself when alone); NULL when no vertex is split, and for arrays. */
     uint32_t *twins; /* [V] or NULL */
     /* Mesh neighbours of each vertex's whole ring of twins, CSR, rising, the first vertex of each
      * ring standing for the ring. */

@@ -80,8 +80,5 @@ enum skd_status skd_rig_derive(struct skd_rig *rig, const struct skd_influences 
     if (!(rig->length > 0))
         rig->length = 1;
     rig->notes[SKD_NOTE_TRIANGLES_DROPPED] += skd_topology_drop_degenerate(mesh);
-    status = skd_topology_find_twins(mesh, influences, error);
-    if (status != SKD_OK)
-        return status;
     return skd_topology_find_neighbours(mesh, error);
 }

@@ -7,8 +7,8 @@
 
 #include "rig/rig.h"
 
-/* Needs the skeleton, rest_pose, rest, skins, triangles and influences; makes heads, length, twins
- * and neighbours. Errors: SKD_NO_MEMORY, SKD_TOO_LARGE. */
+/* Needs the skeleton, rest_pose, rest, skins, triangles, twins (of a file) and influences; makes
+ * heads, length and neighbours. Errors: SKD_NO_MEMORY, SKD_TOO_LARGE. */
 SKD_MUST_CHECK enum skd_status skd_rig_derive(struct skd_rig *rig,
                                               const struct skd_influences *influences,
                                               struct skd_error *error);

@@ -210,7 +210,8 @@ def test_help_names_every_command(cli: Cli) -> None:
     ["load", "a.glb", "--reduce", "x"], ["start", "--workers", "x"], ["start", "--workers", "-1"],
     ["pose", "p"], ["pose", "p", "--clip", "c"], ["pose", "p", "--time", "1"],
     ["pose", "p", "--clip", "c", "--time", "1", "--matrices", "f"],
-    ["pose", "p", "--clip", "c", "--time", "1", "--raw", "f"],
+    ["pose", "p", "--clip", "c", "--time", "1", "--raw", "f"], ["pose", "p", "--bend", "200"],
+    ["pose", "p", "--bend", "20", "--seed", "-1"], ["pose", "p", "--bend", "2", "--matrices", "f"],
     ["stroke", "p"], ["stroke", "p", "--bone", "b"], ["stroke", "p", "--radius", "1"],
     ["stroke", "p", "--bone", "b", "--radius", "1"],
     ["stroke", "p", "--bone", "b", "--radius", "-1", "--out", "1"],
@@ -544,6 +545,9 @@ def test_replay(body: Cli) -> None:
     ("falloff: soft", "falloff: sharp", "stroke 2"),
     ("matrices: [[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]]", "clip: walk, time: 0.25", "pose 2"),
     ("strokes: {}", "strokes:", "line"),
+    ("bend: 200", "clip: walk, time: 0.25", "pose 2"),
+    ("bend: 20, seed: -1", "clip: walk, time: 0.25", "line 4"),
+    ("bend: 20, time: 1", "clip: walk, time: 0.25", "pose 2"),
 ])
 def test_malformed_script_changes_nothing(body: Cli, wrong: str, right: str, named: str) -> None:
     assert right in SCRIPT
@@ -552,6 +556,19 @@ def test_malformed_script_changes_nothing(body: Cli, wrong: str, right: str, nam
     assert refused.startswith("skinctl: s.yaml, ") and named in refused
     info = body.json("info")
     assert info["revision"] == 0 and "bow" not in info["poses"]
+
+
+def test_bent_poses_need_no_clips(body: Cli) -> None:
+    body.run("pose", "a", "--bend", 25, "--seed", 3)
+    body.run("pose", "b", "--bend", 25)
+    body.run("pose", "c", "--bend", 0)
+    positions = {pose: body.positions(pose) for pose in "abc"}
+    assert np.abs(positions["c"] - body.positions("rest")).max() < 1e-5
+    assert np.abs(positions["a"] - positions["c"]).max() > 0.1
+    assert np.abs(positions["a"] - positions["b"]).max() > 0.1
+    script = SCRIPT.replace("clip: walk, time: 0.25", "bend: 25, seed: 3")
+    body.run("replay", "-", input=script.split("  - {pose: step")[0])
+    assert np.array_equal(body.positions("step"), body.positions("a"))
 
 
 def test_replay_stops_where_it_fails(body: Cli) -> None:
@@ -590,17 +607,21 @@ def test_script_fits_and_teaches(body: Cli) -> None:
         assert all(np.abs(shape - other).max() > 0.1 for other in shapes[:i])
 
 
+CLIPLESS = {"webxr_generic_hand/left.glb", "assimp_quad/quad_skin.glb"}
+
+
 @pytest.mark.parametrize("name, poses", [
     ("bevy_fox/Fox.glb", 3), ("kaykit_adventurers/Knight.glb", 3), ("raylib_robot/robot.glb", 3),
     ("khronos_cesium/cesium_man.gltf", 3), ("makehuman/mh_body_4inf.glb", 3),
-    ("webxr_generic_hand/left.glb", 0), ("awkward/tube540_unindexed.glb", 3),
+    ("webxr_generic_hand/left.glb", 3), ("awkward/tube540_unindexed.glb", 3),
+    ("khronos_animskin/Animation_Skin_05.gltf", 3),
 ])
 def test_script_for_real_characters(cli: Cli, name: str, poses: int) -> None:
     if not ASSETS.exists():
         pytest.skip("the shared assets are missing")
     cli.run("load", ASSETS / name)
     made = cli.run("script")
-    assert ("has no clips" in made.stderr) == (poses == 0)
+    assert ("bend: 25" in made.stdout) == (name in CLIPLESS)
     (cli.folder / "s.yaml").write_text(made.stdout)
     report = cli.json("replay", "s.yaml", "--export", "out" + Path(name).suffix)
     assert len({stroke["pose"] for stroke in report["strokes"]} - {"rest"}) == poses

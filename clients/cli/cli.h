@@ -1,0 +1,89 @@
+/* skinctl: what all of its commands share.
+ *
+ * Stage: outside the daemon; a client as any other. Thread: one, and one run of one command, so the
+ * options are file-level variables that popt's tables can point at.
+ *
+ *     main.c -> a command (*_commands.c) -> link.h (the wire), model.h (a session's data),
+ *               play.h (poses and strokes), print.h, files.h
+ *
+ * A command prints its data on stdout, talks on stderr, and leaves its error to main.c.
+ */
+#ifndef SKD_CLI_H
+#define SKD_CLI_H
+
+#include "clients/cli/link.h"
+
+#include <popt.h>
+
+enum skd_exit {
+    SKD_EXIT_OK = 0,
+    SKD_EXIT_FAILED = 1, /* the daemon or the work refused it */
+    SKD_EXIT_USAGE = 2,  /* the command line is wrong */
+};
+
+/* The options that several commands take. */
+struct skd_cli_options {
+    char *socket;  /* NULL: the default of base/paths.h */
+    char *session; /* NULL: the only open one */
+    int json;
+    int quiet;
+};
+extern struct skd_cli_options skd_cli;
+
+/* clang-format off */
+#define SKD_OPTION_SESSION                                                                         \
+    {"session", 's', POPT_ARG_STRING, &skd_cli.session, 0,                                         \
+     "the rig session (default: the only open one)", "NAME"}
+/* clang-format on */
+
+enum skd_command_group {
+    SKD_GROUP_DAEMON,
+    SKD_GROUP_SESSION,
+    SKD_GROUP_WORK,
+    SKD_GROUP_SCRIPTS,
+    SKD_GROUP_WIRE,
+    SKD_GROUP_COUNT
+};
+
+/* One command: how it is called, how it explains itself, and what it does. */
+struct skd_command {
+    enum skd_command_group group;
+    const char *name;
+    const char *arguments; /* for the usage line: "FILE" */
+    int least;             /* how many arguments it takes */
+    int most;
+    const char *summary;              /* one line */
+    const struct poptOption *options; /* may be NULL */
+    const char *details;              /* paragraphs after the options; may be NULL */
+    const char *examples;             /* lines, indented by two */
+    /* Returns an enum skd_exit, and a sentence in *error when that is not SKD_EXIT_OK; error->text
+     * may be empty when everything was said. arguments: [count], then NULL. */
+    int (*run)(const char *const *arguments, int count, struct skd_error *error);
+};
+
+extern const struct skd_command skd_command_start, skd_command_stop, skd_command_status;
+extern const struct skd_command skd_command_load, skd_command_list, skd_command_info;
+extern const struct skd_command skd_command_undo, skd_command_redo, skd_command_export;
+extern const struct skd_command skd_command_pose, skd_command_weights, skd_command_stroke;
+extern const struct skd_command skd_command_replay, skd_command_script, skd_command_generate;
+extern const struct skd_command skd_command_watch, skd_command_call;
+
+/* Fills *error and returns SKD_EXIT_USAGE. */
+int skd_cli_usage(struct skd_error *error, const char *format, ...)
+    __attribute__((format(printf, 2, 3)));
+
+/* SKD_EXIT_OK or SKD_EXIT_FAILED. */
+int skd_cli_exit(enum skd_status status);
+
+/* Talks on stderr, unless told to be quiet. */
+void skd_cli_say(const char *format, ...) __attribute__((format(printf, 1, 2)));
+
+/* Connects to the daemon and starts it when none runs. */
+SKD_MUST_CHECK enum skd_status skd_cli_connect(struct skd_link *link, struct skd_error *error);
+
+/* Connects, and finds the session that is meant. Returns an enum skd_exit; *link needs no closing
+ * when it is not SKD_EXIT_OK. */
+SKD_MUST_CHECK int skd_cli_open(struct skd_link *link, char session[SKD_SESSION_NAME_BYTES_MAX + 1],
+                                struct skd_error *error);
+
+#endif

@@ -1,0 +1,319 @@
+/* skinctl pose, weights: what a session says about its vertices.
+ *
+ * Thread: one.
+ */
+#include "clients/cli/cli.h"
+#include "clients/cli/play.h"
+#include "clients/cli/print.h"
+#include "clients/cli/values.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { NO_BONE = 65535 };
+
+static struct {
+    char *clip;
+    double time;
+    double bend;
+    int seed;
+    char *matrices;
+    char *vertices;
+    char *raw;
+    int evaluate;
+} options = {.time = (double)NAN, .bend = (double)NAN};
+
+static const struct poptOption pose_options[] = {
+    SKD_OPTION_SESSION,
+    {"clip", 'c', POPT_ARG_STRING, &options.clip, 0, "make the pose from this clip ...", "CLIP"},
+    {"time", 't', POPT_ARG_DOUBLE, &options.time, 0, "... at this time", "SECONDS"},
+    {"bend", 'b', POPT_ARG_DOUBLE, &options.bend, 0,
+     "make it by bending every joint, each about an axis of its own", "DEGREES"},
+    {"seed", 0, POPT_ARG_INT, &options.seed, 0, "which axes --bend takes (default: 0)", "N"},
+    {"matrices", 'm', POPT_ARG_STRING, &options.matrices, 0,
+     "make it from bone matrices: a JSON list of 16 numbers a bone, row by row (-: stdin)", "FILE"},
+    {"evaluate", 'e', POPT_ARG_NONE, &options.evaluate, 0,
+     "print the posed positions, x y z a vertex", NULL},
+    {"vertices", 'v', POPT_ARG_STRING, &options.vertices, 0, "of these vertices only", "LIST"},
+    {"raw", 0, POPT_ARG_STRING, &options.raw, 0,
+     "write them into a file instead: float32, little-endian", "FILE"},
+    POPT_TABLEEND,
+};
+
+/* Bone matrices out of a JSON file, in the form that the wire takes too. */
+static enum skd_status read_matrices(const char *path, struct skd_script_pose *pose,
+                                     struct skd_error *error)
+{
+    char *text = NULL;
+    size_t bytes;
+    cJSON *tree = NULL;
+    void *numbers = NULL;
+    struct skd_array array;
+    enum skd_status status = skd_file_read(path, &text, &bytes, error);
+    if (status == SKD_OK)
+        status = skd_value_json(path, text, bytes, &tree, error);
+    if (status == SKD_OK) {
+        /* The wire's own reader, with the file for a method's name in its errors. */
+        const struct skd_message message = {.method = path};
+        cJSON *holder = cJSON_CreateObject();
+        cJSON_AddItemToObject(holder, "matrices", tree);
+        status =
+            skd_message_array(&message, holder, "matrices", SKD_F64, 16, &array, &numbers, error);
+        cJSON_Delete(holder);
+    }
+    free(text);
+    if (status != SKD_OK)
+        return status;
+    pose->matrices = numbers;
+    pose->matrices_count = (unsigned)array.rows;
+    return SKD_OK;
+}
+
+static enum skd_status set_pose(struct skd_link *link, const char *session, const char *name,
+                                struct skd_error *error)
+{
+    char pose_name[SKD_PATH_BYTES_MAX];
+    uint32_t seed = (uint32_t)options.seed;
+    struct skd_script_pose pose = {.name = pose_name, .clip = options.clip, .time = &options.time};
+    if (!isnan(options.bend)) {
+        pose.bend = &options.bend;
+        pose.seed = &seed;
+    }
+    (void)snprintf(pose_name, sizeof pose_name, "%s", name);
+    enum skd_status status = SKD_OK;
+    if (options.matrices != NULL)
+        status = read_matrices(options.matrices, &pose, error);
+    if (status == SKD_OK)
+        status = skd_play_pose(link, session, &pose, error);
+    free(pose.matrices);
+    return status;
+}
+
+static void print_positions(const struct skd_array *positions)
+{
+    const float *numbers = positions->data;
+    for (size_t i = 0; i < positions->rows; i++)
+        printf("%.9g %.9g %.9g\n", (double)numbers[3 * i], (double)numbers[3 * i + 1],
+               (double)numbers[3 * i + 2]);
+}
+
+static enum skd_status write_positions(const struct skd_array *positions, struct skd_error *error)
+{
+    enum skd_status status =
+        skd_file_write(options.raw, positions->data, positions->count * sizeof(float), error);
+    if (status == SKD_OK)
+        skd_print_raw_written(options.raw, positions->rows);
+    return status;
+}
+
+static enum skd_status evaluate_pose(struct skd_link *link, const char *session, const char *name,
+                                     const uint32_t *vertices, size_t count,
+                                     struct skd_error *error)
+{
+    struct skd_model model;
+    struct skd_fetched positions = {0};
+    enum skd_status status = skd_model_open(&model, link, session, error);
+    if (status == SKD_OK)
+        status = skd_model_evaluate(&model, name, vertices, count, &positions, error);
+    if (status == SKD_OK && options.raw != NULL)
+        status = write_positions(&positions.array, error);
+    else if (status == SKD_OK && skd_cli.json)
+        skd_print_json(&positions.message, positions.message.result);
+    else if (status == SKD_OK)
+        print_positions(&positions.array);
+    skd_fetched_finish(&positions);
+    skd_model_close(&model);
+    return status;
+}
+
+static int check_pose_options(struct skd_error *error)
+{
+    bool has_time = !isnan(options.time), has_bend = !isnan(options.bend);
+    int sources = (options.clip != NULL) + has_bend + (options.matrices != NULL);
+    if ((options.clip != NULL) != has_time)
+        return skd_cli_usage(error, "a pose from a clip takes --clip and --time");
+    if (sources > 1)
+        return skd_cli_usage(error, "give one of --clip and --time, --bend, and --matrices");
+    if (has_bend && !(fabs(options.bend) <= 180 && options.seed >= 0))
+        return skd_cli_usage(error, "--bend takes -180 to 180 degrees, --seed 0 and above");
+    if (sources == 0 && !options.evaluate)
+        return skd_cli_usage(error, "say what the pose is, with --clip and --time, --bend or "
+                                    "--matrices, or --evaluate it");
+    if (!options.evaluate && (options.raw != NULL || options.vertices != NULL))
+        return skd_cli_usage(error, "--raw and --vertices go with --evaluate");
+    return SKD_EXIT_OK;
+}
+
+/* --vertices, if it was given. */
+static int read_vertices(uint32_t **vertices, size_t *count, struct skd_error *error)
+{
+    *vertices = NULL;
+    *count = 0;
+    if (options.vertices == NULL ||
+        skd_value_indexes("--vertices", options.vertices, vertices, count, error) == SKD_OK)
+        return SKD_EXIT_OK;
+    return SKD_EXIT_USAGE;
+}
+
+static int run_pose(const char *const *arguments, int argument_count, struct skd_error *error)
+{
+    struct skd_link link;
+    char session[SKD_SESSION_NAME_BYTES_MAX + 1];
+    uint32_t *vertices;
+    size_t count;
+    (void)argument_count;
+    int result = check_pose_options(error);
+    if (result == SKD_EXIT_OK)
+        result = read_vertices(&vertices, &count, error);
+    if (result != SKD_EXIT_OK)
+        return result;
+    result = skd_cli_open(&link, session, error);
+    if (result != SKD_EXIT_OK)
+        goto done;
+    enum skd_status status = SKD_OK;
+    if (options.clip != NULL || options.matrices != NULL || !isnan(options.bend))
+        status = set_pose(&link, session, arguments[0], error);
+    if (status == SKD_OK && options.evaluate)
+        status = evaluate_pose(&link, session, arguments[0], vertices, count, error);
+    else if (status == SKD_OK && skd_cli.json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "pose", arguments[0]);
+        skd_print_own_json(json);
+    }
+    skd_link_close(&link);
+    result = skd_cli_exit(status);
+done:
+    free(vertices);
+    return result;
+}
+
+const struct skd_command skd_command_pose = {
+    .group = SKD_GROUP_WORK,
+    .name = "pose",
+    .arguments = "NAME",
+    .least = 1,
+    .most = 1,
+    .summary = "make a pose, from a clip for instance, or print its positions",
+    .options = pose_options,
+    .details = "The pose \"rest\" is always there. A pose of the same name is replaced.\n"
+               "LIST is indexes and ranges: 0,5,10-20.\n",
+    .examples = "  skinctl pose bent --clip bend --time 0.5\n"
+                "  skinctl pose bowed --bend 25 --seed 1          # for a rig without clips\n"
+                "  skinctl pose bent --evaluate --vertices 0-9\n"
+                "  skinctl pose own --matrices matrices.json --evaluate --raw positions.f32\n",
+    .run = run_pose,
+};
+
+static const struct poptOption weights_options[] = {
+    SKD_OPTION_SESSION,
+    {"vertices", 'v', POPT_ARG_STRING, &options.vertices, 0, "of these vertices (default: all)",
+     "LIST"},
+    {"raw", 0, POPT_ARG_STRING, &options.raw, 0,
+     "write PREFIX.joints.u16 and PREFIX.weights.f32 instead, little-endian", "PREFIX"},
+    POPT_TABLEEND,
+};
+
+static const char **bone_names(const struct skd_model *model)
+{
+    const char **names = calloc(model->bone_count + 1, sizeof *names);
+    size_t used = 0;
+    const cJSON *bone;
+    cJSON_ArrayForEach(bone, cJSON_GetObjectItemCaseSensitive(model->info.result, "bones"))
+    {
+        if (names != NULL)
+            names[used++] = skd_json_text(bone, "name");
+    }
+    return names;
+}
+
+/* One line a vertex: its index, then bone and weight for each slot that has any. */
+static enum skd_status print_weights(const struct skd_model *model, const uint32_t *vertices,
+                                     size_t count, const struct skd_weights *weights,
+                                     struct skd_error *error)
+{
+    const char **names = bone_names(model);
+    if (names == NULL)
+        return skd_fail_memory(error, "the bones' names");
+    for (size_t i = 0; i < count; i++) {
+        printf("%u", vertices != NULL ? vertices[i] : (unsigned)i);
+        for (size_t slot = i * weights->slots; slot < (i + 1) * weights->slots; slot++) {
+            int joint = weights->joints[slot];
+            if (joint != NO_BONE && weights->weights[slot] != 0)
+                printf("  %s %.7g", (size_t)joint < model->bone_count ? names[joint] : "?",
+                       (double)weights->weights[slot]);
+        }
+        putchar('\n');
+    }
+    free(names);
+    return SKD_OK;
+}
+
+static enum skd_status write_raw(const struct skd_weights *weights, struct skd_error *error)
+{
+    char path[SKD_PATH_BYTES_MAX];
+    size_t count = weights->vertex_count * weights->slots;
+    (void)snprintf(path, sizeof path, "%s.joints.u16", options.raw);
+    enum skd_status status =
+        skd_file_write(path, weights->joints, count * sizeof *weights->joints, error);
+    if (status != SKD_OK)
+        return status;
+    (void)snprintf(path, sizeof path, "%s.weights.f32", options.raw);
+    status = skd_file_write(path, weights->weights, count * sizeof *weights->weights, error);
+    if (status == SKD_OK)
+        skd_print_raw_written(options.raw, weights->vertex_count);
+    return status;
+}
+
+static enum skd_status report_weights(struct skd_link *link, const char *session,
+                                      const uint32_t *vertices, size_t count,
+                                      struct skd_error *error)
+{
+    struct skd_model model;
+    enum skd_status status = skd_model_open(&model, link, session, error);
+    if (status == SKD_OK)
+        status = skd_model_fetch_weights(&model, vertices, count, error);
+    struct skd_weights weights = skd_model_weights(&model);
+    if (status == SKD_OK && options.raw != NULL)
+        status = write_raw(&weights, error);
+    else if (status == SKD_OK && skd_cli.json)
+        skd_print_json(&model.weights.message, model.weights.message.result);
+    else if (status == SKD_OK)
+        status = print_weights(&model, vertices, weights.vertex_count, &weights, error);
+    skd_model_close(&model);
+    return status;
+}
+
+static int run_weights(const char *const *arguments, int argument_count, struct skd_error *error)
+{
+    struct skd_link link;
+    char session[SKD_SESSION_NAME_BYTES_MAX + 1];
+    uint32_t *vertices;
+    size_t count;
+    (void)arguments;
+    (void)argument_count;
+    int result = read_vertices(&vertices, &count, error);
+    if (result != SKD_EXIT_OK)
+        return result;
+    result = skd_cli_open(&link, session, error);
+    if (result == SKD_EXIT_OK) {
+        result = skd_cli_exit(report_weights(&link, session, vertices, count, error));
+        skd_link_close(&link);
+    }
+    free(vertices);
+    return result;
+}
+
+const struct skd_command skd_command_weights = {
+    .group = SKD_GROUP_WORK,
+    .name = "weights",
+    .arguments = "",
+    .summary = "print weights: a line a vertex, with bone and weight",
+    .options = weights_options,
+    .details = "LIST is indexes and ranges: 0,5,10-20.\n",
+    .examples = "  skinctl weights --vertices 0,5,10-20\n"
+                "  skinctl weights --json\n"
+                "  skinctl weights --raw body      # body.joints.u16, body.weights.f32\n",
+    .run = run_weights,
+};

@@ -1,0 +1,348 @@
+/* skinctl load, info, export, undo, redo.
+ *
+ * Thread: one.
+ */
+#include "clients/cli/cli.h"
+#include "clients/cli/model.h"
+#include "clients/cli/print.h"
+#include "clients/cli/values.h"
+
+#include "protocol/request.h"
+
+#include <stdio.h>
+#include <string.h>
+
+static struct {
+    char *name;
+    int influences;
+    char *fill;
+    char *reduce;
+    char *output;
+} options;
+
+static const char *const reduce_words[] = {"refuse", "largest", NULL};
+
+static const struct poptOption load_options[] = {
+    {"name", 'n', POPT_ARG_STRING, &options.name, 0,
+     "the session's name (default: made from the file's)", "NAME"},
+    {"influences", 'i', POPT_ARG_INT, &options.influences, 0, "weights a vertex: 4 (default) or 8",
+     "N"},
+    {"fill", 'f', POPT_ARG_STRING, &options.fill, 0,
+     "which bones free slots offer: neighbours (default), hop, infect, none", "RULE"},
+    {"reduce", 'r', POPT_ARG_STRING, &options.reduce, 0,
+     "more influences than slots: refuse (default), or keep the largest", "RULE"},
+    POPT_TABLEEND,
+};
+
+static void print_loaded(const cJSON *result)
+{
+    char vertices[SKD_COUNT_TEXT_BYTES], triangles[SKD_COUNT_TEXT_BYTES];
+    char filled[SKD_COUNT_TEXT_BYTES], reduced[SKD_COUNT_TEXT_BYTES];
+    const cJSON *slots = cJSON_GetObjectItemCaseSensitive(result, "slots");
+    const cJSON *moved = cJSON_GetObjectItemCaseSensitive(slots, "moved");
+    const cJSON *note;
+    printf("session %s: %s vertices, %s triangles, %.0f bones, %.0f clips, length %.6g, %.0f "
+           "influences\n",
+           skd_json_text(result, "session"),
+           skd_count_text(skd_json_number(result, "vertices"), vertices),
+           skd_count_text(skd_json_number(result, "triangles"), triangles),
+           skd_json_number(result, "bones"), skd_json_number(result, "clips"),
+           skd_json_number(result, "length"), skd_json_number(result, "influences"));
+    cJSON_ArrayForEach(note, cJSON_GetObjectItemCaseSensitive(result, "notes"))
+        printf("note: %s\n", skd_json_text(note, "text"));
+    printf("slots: %s free ones filled with nearby bones",
+           skd_count_text(skd_json_number(slots, "filled"), filled));
+    if (skd_json_number(slots, "empty") > 0)
+        printf(", %.0f left empty", skd_json_number(slots, "empty"));
+    if (skd_json_number(slots, "reduced") > 0)
+        printf("; %s vertices had more influences: at most %.3g of a vertex's weight was cut, "
+               "which moves them by %.3g on average and %.3g at most in %.0f poses",
+               skd_count_text(skd_json_number(slots, "reduced"), reduced),
+               skd_json_number(slots, "largest_cut"), skd_json_number(moved, "mean"),
+               skd_json_number(moved, "max"), skd_json_number(moved, "poses"));
+    putchar('\n');
+}
+
+static int run_load(const char *const *arguments, int count, struct skd_error *error)
+{
+    char path[SKD_PATH_BYTES_MAX];
+    int word;
+    struct skd_link link;
+    struct skd_message answer;
+    (void)count;
+    if (options.influences != 0 && options.influences != 4 && options.influences != 8)
+        return skd_cli_usage(error, "--influences is 4 or 8, not %d", options.influences);
+    if ((options.fill != NULL &&
+         skd_value_word("--fill", options.fill, skd_fill_words, &word, error) != SKD_OK) ||
+        (options.reduce != NULL &&
+         skd_value_word("--reduce", options.reduce, reduce_words, &word, error) != SKD_OK))
+        return SKD_EXIT_USAGE;
+    if (skd_path_absolute(arguments[0], path, error) != SKD_OK ||
+        skd_cli_connect(&link, error) != SKD_OK)
+        return SKD_EXIT_FAILED;
+    cJSON *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(body, "file", path);
+    if (options.name != NULL)
+        cJSON_AddStringToObject(body, "name", options.name);
+    if (options.influences != 0)
+        cJSON_AddNumberToObject(body, "influences", options.influences);
+    if (options.fill != NULL)
+        cJSON_AddStringToObject(body, "fill", options.fill);
+    if (options.reduce != NULL)
+        cJSON_AddStringToObject(body, "reduce", options.reduce);
+    enum skd_status status = skd_link_call(&link, "session.create", body, NULL, 0, &answer, error);
+    if (status == SKD_OK && skd_cli.json)
+        skd_print_json(&answer, answer.result);
+    else if (status == SKD_OK)
+        print_loaded(answer.result);
+    skd_message_finish(&answer);
+    skd_link_close(&link);
+    return skd_cli_exit(status);
+}
+
+const struct skd_command skd_command_load = {
+    .group = SKD_GROUP_SESSION,
+    .name = "load",
+    .arguments = "FILE",
+    .least = 1,
+    .most = 1,
+    .summary = "make a rig session from a glTF file (.glb or .gltf)",
+    .options = load_options,
+    .details = "Prints what was found, a note for each thing that had to be mended, and how the\n"
+               "influences fit into the session's slots.\n",
+    .examples =
+        "  skinctl load knight.glb\n"
+        "  skinctl load body.gltf --name body --influences 8\n"
+        "  skinctl load face.glb --reduce largest      # cut what does not fit, and say it\n",
+    .run = run_load,
+};
+
+static void print_names(const char *title, const cJSON *list, const char *member)
+{
+    const cJSON *item;
+    if (cJSON_GetArraySize(list) == 0)
+        return;
+    printf("%s:", title);
+    cJSON_ArrayForEach(item, list)
+        printf("%s %s", item->prev->next != NULL ? "," : "",
+               member != NULL ? skd_json_text(item, member) : item->valuestring);
+    putchar('\n');
+}
+
+static void print_clips(const cJSON *clips)
+{
+    struct skd_table table = {
+        .columns = 2, .titles = {"clip", "seconds"}, .is_number = {[1] = true}};
+    const cJSON *clip;
+    cJSON_ArrayForEach(clip, clips)
+    {
+        char seconds[SKD_COUNT_TEXT_BYTES];
+        (void)snprintf(seconds, sizeof seconds, "%.3f", skd_json_number(clip, "duration"));
+        skd_table_add(&table, (const char *const[]){skd_json_text(clip, "name"), seconds});
+    }
+    if (table.rows > 0)
+        skd_table_print(&table, 0);
+}
+
+/* Bones as a tree: a bone comes after its parent, so depths are known when they are needed. */
+static void print_bones(const cJSON *bones)
+{
+    enum { DEPTHS = 65536 };
+    static unsigned char depths[DEPTHS];
+    const cJSON *bone;
+    int index = 0;
+    puts("bones:");
+    cJSON_ArrayForEach(bone, bones)
+    {
+        double parent = skd_json_number(bone, "parent");
+        int depth = parent >= 0 && parent < index && parent < DEPTHS ? depths[(int)parent] + 1 : 0;
+        if (index < DEPTHS)
+            depths[index] = (unsigned char)(depth < 200 ? depth : 200);
+        printf("%*s%s\n", 2 + 2 * depth, "", skd_json_text(bone, "name"));
+        index++;
+    }
+}
+
+static void print_info(const cJSON *info)
+{
+    char vertices[SKD_COUNT_TEXT_BYTES], triangles[SKD_COUNT_TEXT_BYTES];
+    char bytes[SKD_COUNT_TEXT_BYTES];
+    const cJSON *note;
+    printf("session %s, revision %.0f\n", skd_json_text(info, "session"),
+           skd_json_number(info, "revision"));
+    printf("from %s\n",
+           skd_json_text(info, "source")[0] != '\0' ? skd_json_text(info, "source") : "arrays");
+    printf("%s vertices, %s triangles, length %.6g, %.0f influences, %s\n",
+           skd_count_text(skd_json_number(info, "vertices"), vertices),
+           skd_count_text(skd_json_number(info, "triangles"), triangles),
+           skd_json_number(info, "length"), skd_json_number(info, "influences"),
+           skd_bytes_text(skd_json_number(info, "bytes"), bytes));
+    printf("undo %.0f, redo %.0f steps; %.0f attached\n", skd_json_number(info, "undo_steps"),
+           skd_json_number(info, "redo_steps"), skd_json_number(info, "attached"));
+    cJSON_ArrayForEach(note, cJSON_GetObjectItemCaseSensitive(info, "notes"))
+        printf("note: %s\n", skd_json_text(note, "text"));
+    print_names("parts", cJSON_GetObjectItemCaseSensitive(info, "parts"), "name");
+    print_names("poses", cJSON_GetObjectItemCaseSensitive(info, "poses"), NULL);
+    print_clips(cJSON_GetObjectItemCaseSensitive(info, "clips"));
+    print_bones(cJSON_GetObjectItemCaseSensitive(info, "bones"));
+}
+
+static int run_info(const char *const *arguments, int count, struct skd_error *error)
+{
+    struct skd_link link;
+    struct skd_model model;
+    char session[SKD_SESSION_NAME_BYTES_MAX + 1];
+    (void)arguments;
+    (void)count;
+    int result = skd_cli_open(&link, session, error);
+    if (result != SKD_EXIT_OK)
+        return result;
+    enum skd_status status = skd_model_open(&model, &link, session, error);
+    if (status == SKD_OK && skd_cli.json)
+        skd_print_json(&model.info, model.info.result);
+    else if (status == SKD_OK)
+        print_info(model.info.result);
+    skd_model_close(&model);
+    skd_link_close(&link);
+    return skd_cli_exit(status);
+}
+
+static const struct poptOption session_options[] = {
+    SKD_OPTION_SESSION,
+    POPT_TABLEEND,
+};
+
+const struct skd_command skd_command_info = {
+    .group = SKD_GROUP_SESSION,
+    .name = "info",
+    .arguments = "",
+    .summary = "tell all about a rig session: clips, poses, bones, history",
+    .options = session_options,
+    .examples = "  skinctl info\n"
+                "  skinctl info --session knight --json\n",
+    .run = run_info,
+};
+
+static int turn_history(const char *method, struct skd_error *error)
+{
+    struct skd_link link;
+    struct skd_message answer;
+    char session[SKD_SESSION_NAME_BYTES_MAX + 1], vertices[SKD_COUNT_TEXT_BYTES];
+    int result = skd_cli_open(&link, session, error);
+    if (result != SKD_EXIT_OK)
+        return result;
+    enum skd_status status =
+        skd_link_call(&link, method, skd_session_body(session), NULL, 0, &answer, error);
+    if (status == SKD_OK && skd_cli.json)
+        skd_print_json(&answer, answer.result);
+    else if (status == SKD_OK)
+        printf("revision %.0f: %s vertices changed; %.0f steps to undo, %.0f to redo\n",
+               skd_json_number(answer.result, "revision"),
+               skd_count_text(skd_json_number(answer.result, "vertices"), vertices),
+               skd_json_number(answer.result, "undo_steps"),
+               skd_json_number(answer.result, "redo_steps"));
+    skd_message_finish(&answer);
+    skd_link_close(&link);
+    return skd_cli_exit(status);
+}
+
+static int run_undo(const char *const *arguments, int count, struct skd_error *error)
+{
+    (void)arguments;
+    (void)count;
+    return turn_history("history.undo", error);
+}
+
+static int run_redo(const char *const *arguments, int count, struct skd_error *error)
+{
+    (void)arguments;
+    (void)count;
+    return turn_history("history.redo", error);
+}
+
+const struct skd_command skd_command_undo = {
+    .group = SKD_GROUP_WORK,
+    .name = "undo",
+    .arguments = "",
+    .summary = "take the last stroke back",
+    .options = session_options,
+    .examples = "  skinctl undo\n"
+                "  skinctl undo --session knight\n",
+    .run = run_undo,
+};
+
+const struct skd_command skd_command_redo = {
+    .group = SKD_GROUP_WORK,
+    .name = "redo",
+    .arguments = "",
+    .summary = "apply the stroke that was taken back last",
+    .options = session_options,
+    .examples = "  skinctl redo\n"
+                "  skinctl redo --session knight\n",
+    .run = run_redo,
+};
+
+static const struct poptOption export_options[] = {
+    SKD_OPTION_SESSION,
+    {"output", 'o', POPT_ARG_STRING, &options.output, 0,
+     "the file to write (default: the source's name with -skind, in the current folder)", "FILE"},
+    POPT_TABLEEND,
+};
+
+/* "/a/knight.glb" gives "knight-skind.glb" in the current folder. */
+static enum skd_status default_output(struct skd_link *link, const char *session,
+                                      char path[SKD_PATH_BYTES_MAX], struct skd_error *error)
+{
+    struct skd_model model;
+    enum skd_status status = skd_model_open(&model, link, session, error);
+    const char *source = skd_json_text(model.info.result, "source");
+    const char *slash = strrchr(source, '/');
+    const char *stem = slash != NULL ? slash + 1 : source;
+    const char *dot = strrchr(stem, '.');
+    if (status == SKD_OK && dot == NULL) {
+        status = skd_fail(error, SKD_BAD_PARAMS,
+                          "session \"%s\" was not made from a file; say where to write with "
+                          "--output",
+                          session);
+    } else if (status == SKD_OK) {
+        char name[SKD_PATH_BYTES_MAX];
+        (void)snprintf(name, sizeof name, "%.*s-skind%s", (int)(dot - stem), stem, dot);
+        status = skd_path_absolute(name, path, error);
+    }
+    skd_model_close(&model);
+    return status;
+}
+
+static int run_export(const char *const *arguments, int count, struct skd_error *error)
+{
+    struct skd_link link;
+    struct skd_message answer = {0};
+    char session[SKD_SESSION_NAME_BYTES_MAX + 1], path[SKD_PATH_BYTES_MAX];
+    (void)arguments;
+    (void)count;
+    int result = skd_cli_open(&link, session, error);
+    if (result != SKD_EXIT_OK)
+        return result;
+    enum skd_status status = options.output != NULL ? skd_path_absolute(options.output, path, error)
+                                                    : default_output(&link, session, path, error);
+    if (status == SKD_OK)
+        status = skd_session_export(&link, session, path, &answer, error);
+    if (status == SKD_OK && skd_cli.json)
+        skd_print_json(&answer, answer.result);
+    else if (status == SKD_OK)
+        skd_print_exported(answer.result);
+    skd_message_finish(&answer);
+    skd_link_close(&link);
+    return skd_cli_exit(status);
+}
+
+const struct skd_command skd_command_export = {
+    .group = SKD_GROUP_SESSION,
+    .name = "export",
+    .arguments = "",
+    .summary = "write the session's glTF file with its new weights, and nothing else changed",
+    .options = export_options,
+    .examples = "  skinctl export                     # knight.glb becomes ./knight-skind.glb\n"
+                "  skinctl export -o out/knight.glb\n",
+    .run = run_export,
+};
