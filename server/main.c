@@ -82,7 +82,7 @@ int main(int argc, const char **argv)
     if (result >= 0)
         return result;
     enum skd_status status = skd_daemon_run(&daemon, &options, &error);
-    free((void *)(uintptr_t)options.socket_path);
+    free((char *)options.socket_path);
     if (status == SKD_OK)
         return 0;
     skd_log(SKD_LOG_ERROR, "%s", error.text);

@@ -222,10 +222,10 @@ void skd_connection_send(struct skd_connection *connection, struct skd_outgoing 
         /* uv_buf_t has no const; libuv only reads what it writes out. */
         if (piece->bytes > 0)
             request->buffers[count++] =
-                uv_buf_init((char *)(uintptr_t)piece->data, (unsigned)piece->bytes);
+                uv_buf_init((char *)piece->data, (unsigned)piece->bytes);
         if (piece->padding > 0)
             request->buffers[count++] =
-                uv_buf_init((char *)(uintptr_t)skd_zeros, (unsigned)piece->padding);
+                uv_buf_init((char *)skd_zeros, (unsigned)piece->padding);
     }
     if (uv_write(&request->uv, (uv_stream_t *)&connection->pipe, request->buffers, count,
                  on_written) != 0) {

@@ -162,7 +162,7 @@ static const struct {
     {"session.export", "{\"session\":\"a\",\"path\":\"b\"}", SKD_BAD_PARAMS, "begin it with '/'"},
     {"pose.set", "{\"session\":\"a\",\"pose\":\"\",\"clip\":\"c\",\"time\":0}", SKD_BAD_PARAMS,
      "pose has 0 bytes"},
-    {"pose.set", "{\"session\":\"a\",\"pose\":\"p\"}", SKD_BAD_PARAMS, "clip and time, or"},
+    {"pose.set", "{\"session\":\"a\",\"pose\":\"p\"}", SKD_BAD_PARAMS, "clip and time"},
     {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"clip\":\"c\"}", SKD_BAD_PARAMS, "clip and"},
     {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"time\":1}", SKD_BAD_PARAMS, "clip and"},
     {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"time\":1,\"matrices\":[]}", SKD_BAD_PARAMS,

@@ -1,0 +1,55 @@
+"""What the documents say to paste does run."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from daemons import BIN
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def blocks(document: str, language: str) -> list[str]:
+    text = (ROOT / document).read_text("utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def environment(folder: Path):
+    """A user's shell: skinctl on the path, a socket of its own, stopped at the end."""
+    values = {**os.environ, "PATH": f"{BIN}:{os.environ['PATH']}",
+              "SKIND_SOCKET": str(folder / "skind.sock"),
+              "PYTHONPATH": str(ROOT / "clients" / "blender_addon")}
+    yield values
+    subprocess.run(["skinctl", "stop"], env=values, check=True, capture_output=True, timeout=60)
+
+
+def paste(script: str, folder: Path, environment: dict) -> str:
+    done = subprocess.run(["bash", "-euo", "pipefail", "-c", script], cwd=folder, env=environment,
+                          capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_protocols_examples(folder, environment) -> None:
+    shell = blocks("protocol/PROTOCOL.md", "sh")
+    lines, stroke = shell
+    assert '"id":2,"result":{"sessions":[]}' in paste(lines, folder, environment)
+    assert '"revision":1' in paste(stroke, folder, environment).replace(" ", "")
+    (example,) = blocks("protocol/PROTOCOL.md", "python")
+    done = subprocess.run([sys.executable, "-c", example], cwd=folder, env=environment,
+                          capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("3 {") and "chunks" in done.stdout
+
+
+def test_the_readmes_commands_by_hand(folder, environment) -> None:
+    by_hand = next(block for block in blocks("README.md", "sh") if "skinctl load" in block)
+    script = by_hand.replace("skinctl watch", "timeout 1 skinctl watch || true #")
+    paste(script.replace("skinctl stop", "true"), folder, environment)
+    assert (folder / "sculpted.glb").stat().st_size == (folder / "body.glb").stat().st_size
