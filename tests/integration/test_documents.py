@@ -53,3 +53,10 @@ def test_the_readmes_commands_by_hand(folder, environment) -> None:
     script = by_hand.replace("skinctl watch", "timeout 1 skinctl watch || true #")
     paste(script.replace("skinctl stop", "true"), folder, environment)
     assert (folder / "sculpted.glb").stat().st_size == (folder / "body.glb").stat().st_size
+
+
+def test_the_notes_are_the_documented_ones() -> None:
+    header = (ROOT / "server" / "rig" / "rig.h").read_text("utf-8")
+    section = (ROOT / "protocol" / "PROTOCOL.md").read_text("utf-8").split("## What is mended")[1]
+    documented = re.findall(r"^\| `(\w+)` \|", section.split("\n## ")[0], re.MULTILINE)
+    assert documented == re.findall(r'X\([A-Z_]+,\s*"(\w+)"', header)
