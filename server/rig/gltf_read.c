@@ -1,6 +1,7 @@
 /* See gltf.h: a file becomes a rig. The steps are those of gltf_read.h. */
 #include "rig/gltf.h"
 
+#include "rig/clean_text.h"
 #include "rig/gltf_read.h"
 #include "rig/matrix.h"
 #include "rig/nodes.h"
@@ -59,7 +60,7 @@ enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
     struct skd_gltf_source *source = NULL;
     enum skd_status status = skd_gltf_source_open(path, &source, error);
     if (status != SKD_OK)
-        return status;
+        return skd_clean_error(status, error);
     struct skd_rig *made = calloc(1, sizeof *made);
     if (made == NULL) {
         skd_gltf_source_destroy(source);
@@ -75,7 +76,7 @@ enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
     if (status != SKD_OK) {
         skd_rig_destroy(made);
         skd_influences_finish(influences);
-        return status;
+        return skd_clean_error(status, error);
     }
     *rig = made;
     return SKD_OK;

@@ -77,12 +77,16 @@ static bool write_all(int fd, const struct skd_slice *slices, size_t slice_count
     return true;
 }
 
-/* A file that replaces another keeps its permissions. */
-static void copy_mode(int folder_fd, const char *path, int fd)
+/* A file that replaces another keeps its permissions. False when a folder is in the way, which
+ * would be noticed only after other files were renamed. */
+static bool may_replace(int folder_fd, const char *path, int fd)
 {
     struct stat old;
-    if (fstatat(folder_fd, path, &old, 0) == 0)
-        (void)fchmod(fd, old.st_mode & 0777); /* a nicety: not worth failing for */
+    if (fstatat(folder_fd, path, &old, 0) != 0)
+        return true;
+    (void)fchmod(fd, old.st_mode & 0777); /* a nicety: not worth failing for */
+    errno = EISDIR;
+    return !S_ISDIR(old.st_mode);
 }
 
 static struct skd_output *new_output(struct skd_outputs *outputs, const char *path)
@@ -120,8 +124,8 @@ enum skd_status skd_outputs_add(struct skd_outputs *outputs, const char *path,
         return fail_write(error, path);
     }
     output->temporary = temporary;
-    copy_mode(outputs->folder_fd, path, fd);
-    if (!write_all(fd, slices, slice_count) || fsync(fd) != 0)
+    if (!may_replace(outputs->folder_fd, path, fd) || !write_all(fd, slices, slice_count) ||
+        fsync(fd) != 0)
         status = fail_write(error, path);
     if (close(fd) != 0 && status == SKD_OK)
         status = fail_write(error, path);

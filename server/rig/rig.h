@@ -93,7 +93,8 @@ struct skd_mesh {
     uint32_t *triangles; /* [triangles][3] */
     uint16_t *skins;     /* [V] skin of each vertex */
     /* Vertices that a file split at seams: same rest position, skin and influences. twins[v] is
-     * the next one of v's ring (v itself when alone); NULL when no vertex is split, and for arrays. */
+     * the next one of v's ring (v itself when alone); NULL when no vertex is split, and for arrays.
+     */
     uint32_t *twins; /* [V] or NULL */
     /* Mesh neighbours of each vertex's whole ring of twins, CSR, rising, the first vertex of each
      * ring standing for the ring. */
@@ -130,7 +131,7 @@ struct skd_influences {
       "%zu rotations were not unit quaternions and were scaled")                                   \
     X(MORPH_TARGETS, "morph_targets", "%zu morph targets are kept in the file and not solved")     \
     X(MESHES_SHARED, "meshes_shared",                                                              \
-      "%zu more uses of a mesh share the weights of its first skin")                  \
+      "%zu more uses of a mesh share the weights of its first skin")                               \
     X(PARTS_UNSKINNED, "parts_unskinned", "%zu primitives have no skin and are kept as they are")  \
     X(TRIANGLES_DROPPED, "triangles_dropped",                                                      \
       "%zu triangles named a vertex twice and were left out of the topology")

@@ -25,14 +25,27 @@ def asset_paths() -> list[str]:
     return [path.relative_to(ASSETS).as_posix() for path in found if path.suffix in (".glb", ".gltf")]
 
 
-def probe(*arguments: object) -> dict:
-    """Runs rig_probe and returns its object; a crash or a sanitizer's complaint fails the test."""
+def _run_probe(*arguments: object) -> list[dict]:
+    """Runs rig_probe; a crash or a sanitizer's complaint fails the test."""
     build = Path(os.environ.get("SKIND_BUILD", ROOT / "build" / "release"))
     done = subprocess.run(
         [build / "bin" / "rig_probe", *map(str, arguments)], capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def probe(*arguments: object) -> dict:
+    """What one call of rig_probe prints."""
+    (answer,) = _run_probe(*arguments)
+    return answer
+
+
+def check(paths: list[Path]) -> list[dict]:
+    """Status and text of loading each file, in one process."""
+    answers = _run_probe("check", *paths)
+    assert len(answers) == len(paths)
+    return answers
 
 
 def node_modules() -> Path:
@@ -94,7 +107,7 @@ def load(path: Path, scratch: Path) -> Rig:
     for name, entry in summary.pop("arrays").items():
         count = entry["rows"] * entry["columns"]
         array = np.frombuffer(data, entry["dtype"], count, entry["offset"])
-        arrays[name] = array.reshape(entry["rows"], -1) if entry["columns"] > 1 else array
+        arrays[name] = array.reshape(entry["rows"], entry["columns"]) if entry["columns"] > 1 else array
     return Rig(summary, arrays)
 
 

@@ -4,6 +4,7 @@
  *   rig_probe pose FILE OUT (CLIP TIME)...           posed positions, float32 [poses][V][3]
  *   rig_probe export FILE TARGET N JOINTS WEIGHTS    raw uint16 and float32 [V][N] files
  *   rig_probe time FILE TIMES                        milliseconds of each load
+ *   rig_probe check FILE...                          status and text of each, one object a line
  *
  * Prints one JSON object; what skind refuses has "status" and "text" and is no failure.
  */
@@ -274,6 +275,20 @@ static void command_time(const char *path, int times)
     print_json(json);
 }
 
+static void command_check(int count, char **paths)
+{
+    for (int i = 0; i < count; i++) {
+        struct loaded loaded;
+        struct skd_error error = {0};
+        const enum skd_status status =
+            skd_gltf_import(paths[i], &loaded.rig, &loaded.influences, &error);
+        if (has_failed(status, &error))
+            continue;
+        puts("{\"status\":\"ok\",\"text\":\"\"}");
+        finish(&loaded);
+    }
+}
+
 int main(int count, char **arguments)
 {
     struct loaded loaded;
@@ -285,6 +300,10 @@ int main(int count, char **arguments)
     const char *command = arguments[1];
     if (strcmp(command, "time") == 0 && count == 4) {
         command_time(arguments[2], atoi(arguments[3]));
+        return 0;
+    }
+    if (strcmp(command, "check") == 0) {
+        command_check(count - 2, arguments + 2);
         return 0;
     }
     if (has_failed(skd_gltf_import(arguments[2], &loaded.rig, &loaded.influences, &error), &error))

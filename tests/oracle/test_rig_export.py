@@ -369,6 +369,7 @@ def test_failure_leaves_the_old_file(tmp_path: Path) -> None:
     answer = export(source, other / "tube.gltf", *sculpted(load(source, tmp_path), 4), tmp_path)
     assert answer["status"] == "file_io"
     assert sorted(path.name for path in other.iterdir()) == ["tube.bin", "tube.gltf"]
+    assert (other / "tube.bin").read_bytes() == b"old"
 
 
 def test_padding_and_unknown_chunks(tmp_path: Path) -> None:
