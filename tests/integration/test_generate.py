@@ -78,6 +78,9 @@ def test_the_skin_is_one_closed_surface_with_smooth_weights(folder, vertices, bo
     assert (body.weights >= 0).all() and (body.joints < bones).all()
     np.testing.assert_allclose(body.weights.sum(1, dtype=np.float64), 1, atol=1e-7)
     assert np.abs(np.linalg.norm(body.normals, axis=1) - 1).max() < 1e-4
+    rests = np.array([body.document["nodes"][node].get("rotation", [0, 0, 0, 1])
+                      for node in body.skin["joints"]])
+    np.testing.assert_allclose(np.linalg.norm(rests, axis=1), 1, atol=1e-6)
 
 
 def test_weights_do_not_bleed_between_limbs(folder) -> None:

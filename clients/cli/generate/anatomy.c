@@ -101,8 +101,8 @@ static void place_arm(struct anatomy *a)
 static struct frame thumb_frame(const struct frame *hand)
 {
     struct frame thumb = *hand;
-    struct vec3 along = vec3_mad(vec3_mad(vec3_scale(hand->along, 0.74), hand->side, 0.62),
-                                 hand->up, -0.26);
+    struct vec3 along =
+        vec3_mad(vec3_mad(vec3_scale(hand->along, 0.74), hand->side, 0.62), hand->up, -0.26);
     thumb.along = vec3_unit(along);
     /* The pad of the thumb faces the palm's middle: up, its back, points away from there. */
     struct vec3 up = vec3_mad(vec3_scale(hand->side, 0.55), hand->up, 0.85);

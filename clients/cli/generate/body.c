@@ -228,8 +228,8 @@ static void add_finger_ring(struct cage *cage, const struct finger_girth *girth,
     static const double across[FINGER] = {-0.5, 0.5, 1.0, 0.5, -0.5, -1.0};
     for (int k = 0; k < FINGER; ++k) {
         double along = girth->along + (k == 2 || k == 5 ? girth->point : 0.0);
-        struct vec3 point = skd_frame_point(girth->frame, along, girth->height * up[k],
-                                            -girth->width * across[k]);
+        struct vec3 point =
+            skd_frame_point(girth->frame, along, girth->height * up[k], -girth->width * across[k]);
         struct cage_marks marks = {.arm = 1.0};
         marks.thumb = finger == 0;
         marks.finger = finger != 0;
@@ -275,12 +275,13 @@ static void build_web(struct cage *cage, const struct frame *hand, const uint16_
         double up = is_outer ? 0.0 : 0.002, side = web_side[c];
         struct cage_marks marks = {.arm = 1.0, .column = c};
         bottom[c] = skd_cage_add_vertex(
-            cage, skd_frame_point(hand, along + (is_outer ? 0.0 : 0.004), up - height, side), marks);
+            cage, skd_frame_point(hand, along + (is_outer ? 0.0 : 0.004), up - height, side),
+            marks);
         top[c] = skd_cage_add_vertex(cage, skd_frame_point(hand, along - 0.004, up + height, side),
                                      marks);
         double edge = c == 0 ? 0.0025 : c == 4 ? -0.0025 : 0.0;
-        middle[c] = skd_cage_add_vertex(
-            cage, skd_frame_point(hand, web_along[c], up, side + edge), marks);
+        middle[c] =
+            skd_cage_add_vertex(cage, skd_frame_point(hand, web_along[c], up, side + edge), marks);
     }
     uint16_t ring[LIMB];
     for (int c = 0; c < 5; ++c) {
@@ -486,30 +487,30 @@ struct form {
 
 static const struct form forms[] = {
     /* face */
-    {{0, 1.632, 0.104}, {0.016, 0.036, 0.05}, {0, 0, 0.011}},               /* nose, bridge */
-    {{0, 1.611, 0.110}, {0.015, 0.020, 0.05}, {0, -0.002, 0.014}},          /* nose, tip */
-    {{0.010, 1.606, 0.105}, {0.011, 0.011, 0.04}, {0.003, 0, 0.006}},       /* nostrils */
-    {{0.032, 1.644, 0.090}, {0.024, 0.019, 0.06}, {0, 0, -0.011}},          /* eye sockets */
-    {{0.032, 1.643, 0.085}, {0.015, 0.011, 0.06}, {0, 0, 0.007}},           /* eyes */
-    {{0.026, 1.664, 0.095}, {0.036, 0.015, 0.05}, {0, 0, 0.005}},           /* brows */
-    {{0.046, 1.616, 0.080}, {0.026, 0.022, 0.05}, {0.003, 0, 0.003}},       /* cheekbones */
-    {{0, 1.582, 0.104}, {0.025, 0.0075, 0.05}, {0, 0, 0.005}},              /* upper lip */
-    {{0, 1.569, 0.102}, {0.022, 0.0080, 0.05}, {0, 0, 0.005}},              /* lower lip */
-    {{0, 1.543, 0.094}, {0.024, 0.020, 0.05}, {0, 0, 0.006}},               /* chin */
+    {{0, 1.632, 0.104}, {0.016, 0.036, 0.05}, {0, 0, 0.011}},                /* nose, bridge */
+    {{0, 1.611, 0.110}, {0.015, 0.020, 0.05}, {0, -0.002, 0.014}},           /* nose, tip */
+    {{0.010, 1.606, 0.105}, {0.011, 0.011, 0.04}, {0.003, 0, 0.006}},        /* nostrils */
+    {{0.032, 1.644, 0.090}, {0.024, 0.019, 0.06}, {0, 0, -0.011}},           /* eye sockets */
+    {{0.032, 1.643, 0.085}, {0.015, 0.011, 0.06}, {0, 0, 0.007}},            /* eyes */
+    {{0.026, 1.664, 0.095}, {0.036, 0.015, 0.05}, {0, 0, 0.005}},            /* brows */
+    {{0.046, 1.616, 0.080}, {0.026, 0.022, 0.05}, {0.003, 0, 0.003}},        /* cheekbones */
+    {{0, 1.582, 0.104}, {0.025, 0.0075, 0.05}, {0, 0, 0.005}},               /* upper lip */
+    {{0, 1.569, 0.102}, {0.022, 0.0080, 0.05}, {0, 0, 0.005}},               /* lower lip */
+    {{0, 1.543, 0.094}, {0.024, 0.020, 0.05}, {0, 0, 0.006}},                /* chin */
     {{0.076, 1.634, -0.006}, {0.040, 0.034, 0.020}, {0.017, 0.001, -0.010}}, /* ears */
     /* trunk */
-    {{0.075, 1.345, 0.110}, {0.080, 0.065, 0.09}, {0, 0, 0.012}},    /* chest */
-    {{0.080, 1.365, -0.125}, {0.060, 0.100, 0.08}, {0, 0, -0.010}},  /* shoulder blades */
-    {{0, 1.180, -0.100}, {0.028, 0.280, 0.10}, {0, 0, 0.010}},       /* groove of the spine */
-    {{0, 1.180, 0.105}, {0.016, 0.190, 0.06}, {0, 0, -0.003}},       /* groove of the belly */
-    {{0, 1.060, 0.100}, {0.011, 0.014, 0.06}, {0, 0, -0.007}},       /* navel */
+    {{0.075, 1.345, 0.110}, {0.080, 0.065, 0.09}, {0, 0, 0.012}},        /* chest */
+    {{0.080, 1.365, -0.125}, {0.060, 0.100, 0.08}, {0, 0, -0.010}},      /* shoulder blades */
+    {{0, 1.180, -0.100}, {0.028, 0.280, 0.10}, {0, 0, 0.010}},           /* groove of the spine */
+    {{0, 1.180, 0.105}, {0.016, 0.190, 0.06}, {0, 0, -0.003}},           /* groove of the belly */
+    {{0, 1.060, 0.100}, {0.011, 0.014, 0.06}, {0, 0, -0.007}},           /* navel */
     {{0.072, 0.885, -0.110}, {0.085, 0.095, 0.12}, {0, -0.004, -0.024}}, /* buttocks */
     {{0, 0.885, -0.110}, {0.020, 0.080, 0.10}, {0, 0, 0.018}},           /* and between */
     {{0.055, 1.462, 0.040}, {0.055, 0.010, 0.05}, {0, 0, 0.003}},        /* collar bones */
     /* legs */
-    {{0.102, 0.502, 0.055}, {0.030, 0.036, 0.05}, {0, 0, 0.006}},           /* kneecaps */
-    {{0.144, 0.086, -0.030}, {0.020, 0.020, 0.022}, {0.006, 0, 0}},         /* outer ankle */
-    {{0.080, 0.094, -0.026}, {0.020, 0.020, 0.022}, {-0.006, 0, 0}},        /* inner ankle */
+    {{0.102, 0.502, 0.055}, {0.030, 0.036, 0.05}, {0, 0, 0.006}},    /* kneecaps */
+    {{0.144, 0.086, -0.030}, {0.020, 0.020, 0.022}, {0.006, 0, 0}},  /* outer ankle */
+    {{0.080, 0.094, -0.026}, {0.020, 0.020, 0.022}, {-0.006, 0, 0}}, /* inner ankle */
 };
 enum { FORMS = sizeof forms / sizeof *forms };
 

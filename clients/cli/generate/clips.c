@@ -84,8 +84,7 @@ static struct angles pose_angles(const struct pose *pose, const struct skeleton_
         return pose->finger[(kind - BONE_FINGER_FIRST) / PHALANX_COUNT];
     for (uint32_t i = 0; i < pose->entry_count; ++i) {
         const struct pose_entry *entry = &pose->entries[i];
-        if (entry->kind == bone->kind &&
-            (entry->side == SIDE_CENTRE || entry->side == bone->side))
+        if (entry->kind == bone->kind && (entry->side == SIDE_CENTRE || entry->side == bone->side))
             return entry->angles;
     }
     return (struct angles){0, 0, 0};
@@ -98,8 +97,7 @@ static void write_pose(struct clip *clip, const struct skeleton *skeleton, const
         write_rotation(&skeleton->bone[b],
                        chain_share(&skeleton->bone[b], pose_angles(pose, &skeleton->bone[b])),
                        clip->track[b].value[key]);
-    write_hips(&skeleton->bone[0], pose->hips,
-               clip->track[skeleton->bone_count].value[key]);
+    write_hips(&skeleton->bone[0], pose->hips, clip->track[skeleton->bone_count].value[key]);
 }
 
 static const struct pose rest_pose = {.entry_count = 0};
@@ -136,12 +134,12 @@ static const struct pose kick_pose = {
 };
 
 static const struct pose_entry overhead_entries[] = {
-    {BONE_SPINE, SIDE_CENTRE, {-6, 0, 4}},        {BONE_CHEST, SIDE_CENTRE, {-6, 0, 4}},
-    {BONE_UPPER_CHEST, SIDE_CENTRE, {-4, 0, 3}},  {BONE_NECK, SIDE_CENTRE, {-15, 0, 0}},
-    {BONE_HEAD, SIDE_CENTRE, {-15, 0, 0}},        {BONE_CLAVICLE, SIDE_CENTRE, {22, 0, 0}},
-    {BONE_UPPER_ARM, SIDE_CENTRE, {15, 0, 85}},   {BONE_FOREARM, SIDE_CENTRE, {15, 30, 0}},
-    {BONE_HAND, SIDE_CENTRE, {-15, 0, 0}},        {BONE_THIGH, SIDE_RIGHT, {-18, 0, 0}},
-    {BONE_SHIN, SIDE_RIGHT, {12, 0, 0}},          {BONE_TOE, SIDE_RIGHT, {25, 0, 0}},
+    {BONE_SPINE, SIDE_CENTRE, {-6, 0, 4}},       {BONE_CHEST, SIDE_CENTRE, {-6, 0, 4}},
+    {BONE_UPPER_CHEST, SIDE_CENTRE, {-4, 0, 3}}, {BONE_NECK, SIDE_CENTRE, {-15, 0, 0}},
+    {BONE_HEAD, SIDE_CENTRE, {-15, 0, 0}},       {BONE_CLAVICLE, SIDE_CENTRE, {22, 0, 0}},
+    {BONE_UPPER_ARM, SIDE_CENTRE, {15, 0, 85}},  {BONE_FOREARM, SIDE_CENTRE, {15, 30, 0}},
+    {BONE_HAND, SIDE_CENTRE, {-15, 0, 0}},       {BONE_THIGH, SIDE_RIGHT, {-18, 0, 0}},
+    {BONE_SHIN, SIDE_RIGHT, {12, 0, 0}},         {BONE_TOE, SIDE_RIGHT, {25, 0, 0}},
 };
 static const struct pose overhead_pose = {
     .entries = overhead_entries,
@@ -245,14 +243,11 @@ static void write_walk(struct clip *clip, const struct skeleton *skeleton)
 
 /* Degrees that a joint can do; the further joints of a limb's chain only twist. */
 static const struct angles motions[BONE_COUNT] = {
-    [BONE_HIPS] = {25, 0, 25},      [BONE_SPINE] = {28, 0, 25},
-    [BONE_CHEST] = {28, 0, 25},     [BONE_UPPER_CHEST] = {25, 0, 25},
-    [BONE_NECK] = {30, 0, 25},      [BONE_HEAD] = {30, 0, 28},
-    [BONE_JAW] = {25, 0, 0},        [BONE_CLAVICLE] = {25, 0, 0},
-    [BONE_UPPER_ARM] = {60, 0, 45}, [BONE_FOREARM] = {60, 40, 0},
-    [BONE_HAND] = {50, 0, 25},      [BONE_THIGH] = {60, 0, 30},
-    [BONE_SHIN] = {60, 0, 0},       [BONE_FOOT] = {-30, 0, 25},
-    [BONE_TOE] = {35, 0, 0},
+    [BONE_HIPS] = {25, 0, 25},        [BONE_SPINE] = {28, 0, 25},   [BONE_CHEST] = {28, 0, 25},
+    [BONE_UPPER_CHEST] = {25, 0, 25}, [BONE_NECK] = {30, 0, 25},    [BONE_HEAD] = {30, 0, 28},
+    [BONE_JAW] = {25, 0, 0},          [BONE_CLAVICLE] = {25, 0, 0}, [BONE_UPPER_ARM] = {60, 0, 45},
+    [BONE_FOREARM] = {60, 40, 0},     [BONE_HAND] = {50, 0, 25},    [BONE_THIGH] = {60, 0, 30},
+    [BONE_SHIN] = {60, 0, 0},         [BONE_FOOT] = {-30, 0, 25},   [BONE_TOE] = {35, 0, 0},
 };
 static const struct angles motion_of_finger = {55, 0, 0};
 static const struct angles motion_of_twist = {0, 30, 0};
@@ -289,8 +284,7 @@ static void write_motion(struct clip *clip, const struct skeleton *skeleton)
             write_rotation(bone, keys[key], clip->track[b].value[key]);
     }
     for (uint32_t key = 0; key < KEYS; ++key)
-        write_hips(&skeleton->bone[0], vec3(0, 0, 0),
-                   clip->track[skeleton->bone_count].value[key]);
+        write_hips(&skeleton->bone[0], vec3(0, 0, 0), clip->track[skeleton->bone_count].value[key]);
 }
 
 /* -------------------------------------------------------------------------------------------- */
@@ -300,8 +294,7 @@ enum skd_status skd_clips_init(struct clip clips[CLIP_COUNT], const struct skele
 {
     static const char *const names[CLIP_COUNT] = {"walk", "bend", "reach", "range_of_motion"};
     static const struct pose *const bend[] = {&rest_pose, &crouch_pose, &kick_pose, &rest_pose};
-    static const struct pose *const reach[] = {&rest_pose, &overhead_pose, &floor_pose,
-                                               &rest_pose};
+    static const struct pose *const reach[] = {&rest_pose, &overhead_pose, &floor_pose, &rest_pose};
     memset(clips, 0, CLIP_COUNT * sizeof *clips);
     for (int i = 0; i < CLIP_COUNT; ++i) {
         enum skd_status status = clip_init(&clips[i], names[i], skeleton, error);

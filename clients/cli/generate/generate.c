@@ -31,8 +31,7 @@ static enum skd_status check(const struct skd_generate_options *options, struct 
 {
     if (options->vertex_count < SKD_GENERATE_MIN_VERTICES ||
         options->vertex_count > SKD_GENERATE_MAX_VERTICES)
-        return skd_fail(error, SKD_BAD_PARAMS,
-                        "%u vertices cannot be generated: ask for %d to %d",
+        return skd_fail(error, SKD_BAD_PARAMS, "%u vertices cannot be generated: ask for %d to %d",
                         options->vertex_count, SKD_GENERATE_MIN_VERTICES,
                         SKD_GENERATE_MAX_VERTICES);
     if (options->bone_count < SKD_GENERATE_MIN_BONES ||

@@ -103,6 +103,13 @@ static inline struct quat quat_conjugate(struct quat q)
     return (struct quat){-q.x, -q.y, -q.z, q.w};
 }
 
+/* Length one again: a chain of products would double its rounding error at every link. */
+static inline struct quat quat_normalise(struct quat q)
+{
+    double scale = 1.0 / sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w);
+    return (struct quat){q.x * scale, q.y * scale, q.z * scale, q.w * scale};
+}
+
 static inline struct vec3 quat_rotate(struct quat q, struct vec3 v)
 {
     struct vec3 axis = vec3(q.x, q.y, q.z);

@@ -19,8 +19,7 @@ static void write_vertex(uint32_t vertex, uint32_t face, double u, double v, voi
     const struct surface *surface = mesh->tessellation->surface;
     double value[VALUE_COUNT];
     skd_surface_evaluate(surface, face, u, v, value);
-    struct vec3 point =
-        skd_body_detail(vec3(value[VALUE_X], value[VALUE_Y], value[VALUE_Z]));
+    struct vec3 point = skd_body_detail(vec3(value[VALUE_X], value[VALUE_Y], value[VALUE_Z]));
     float *position = &mesh->position[3 * (size_t)vertex];
     position[0] = (float)point.x;
     position[1] = (float)point.y;

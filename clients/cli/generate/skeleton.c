@@ -30,8 +30,7 @@ static const struct bone_kind bone_kinds[BONE_COUNT] = {
     [BONE_TOE] = {"toe", BONE_FOOT, 1},
 };
 
-static const char *const finger_names[FINGER_COUNT] = {"thumb", "index", "middle", "ring",
-                                                       "pinky"};
+static const char *const finger_names[FINGER_COUNT] = {"thumb", "index", "middle", "ring", "pinky"};
 
 static int is_finger(int kind)
 {
@@ -151,17 +150,15 @@ static void pose_at_rest(struct skeleton *skeleton, const struct anatomy *anatom
         struct vec3 hinge = anatomy->hinge[bone->kind];
         if (bone->side == SIDE_RIGHT)
             hinge = vec3(hinge.x, -hinge.y, -hinge.z);
-        struct quat wanted =
-            quat_from_axes(hinge, bone->along, vec3_cross(hinge, bone->along));
+        struct quat wanted = quat_from_axes(hinge, bone->along, vec3_cross(hinge, bone->along));
         struct quat parent = {0, 0, 0, 1};
         struct vec3 origin = vec3(0, 0, 0);
         if (bone->parent >= 0) {
             parent = world[bone->parent];
             origin = place[bone->parent];
         }
-        struct quat local = quat_multiply(quat_conjugate(parent), wanted);
-        struct vec3 offset =
-            quat_rotate(quat_conjugate(parent), vec3_sub(bone->head, origin));
+        struct quat local = quat_normalise(quat_multiply(quat_conjugate(parent), wanted));
+        struct vec3 offset = quat_rotate(quat_conjugate(parent), vec3_sub(bone->head, origin));
         bone->rotation[0] = (float)local.x;
         bone->rotation[1] = (float)local.y;
         bone->rotation[2] = (float)local.z;
@@ -172,7 +169,7 @@ static void pose_at_rest(struct skeleton *skeleton, const struct anatomy *anatom
         bone->rest = (struct quat){bone->rotation[0], bone->rotation[1], bone->rotation[2],
                                    bone->rotation[3]};
         offset = vec3(bone->translation[0], bone->translation[1], bone->translation[2]);
-        world[b] = quat_multiply(parent, bone->rest);
+        world[b] = quat_normalise(quat_multiply(parent, bone->rest));
         place[b] = vec3_add(origin, quat_rotate(parent, offset));
         write_inverse_bind(bone, world[b], place[b]);
     }
@@ -212,8 +209,8 @@ static void add_chain(struct skeleton *skeleton, const struct anatomy *anatomy, 
     double length = vec3_length(vec3_sub(tail, head)) / segment_count;
     int parent = parent_kind(kind) < 0 ? -1 : skeleton->last[parent_kind(kind)][side];
     skeleton->first[kind][side] = segment_count > 0 ? (int)skeleton->bone_count : -1;
-    skeleton->last[kind][side] = segment_count > 0 ? (int)(skeleton->bone_count + segment_count) - 1
-                                                   : -1;
+    skeleton->last[kind][side] =
+        segment_count > 0 ? (int)(skeleton->bone_count + segment_count) - 1 : -1;
     for (uint32_t segment = 0; segment < segment_count; ++segment) {
         SKD_ASSERT(skeleton->bone_count < SKELETON_MAX_BONES);
         struct skeleton_bone *bone = &skeleton->bone[skeleton->bone_count];

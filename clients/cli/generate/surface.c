@@ -102,8 +102,8 @@ static void make_patches(struct surface *surface)
             const struct corner_place *place = &corner_places[k];
             double *inner = surface->control[f][place->inner[0]][place->inner[1]];
             inner_point(surface, f, k, inner);
-            memcpy(surface->control[f][place->corner[0]][place->corner[1]],
-                   limit[cage->face[f][k]], sizeof *limit);
+            memcpy(surface->control[f][place->corner[0]][place->corner[1]], limit[cage->face[f][k]],
+                   sizeof *limit);
         }
     }
     /* An edge's control points are the means of the inner points on its two sides. */

@@ -37,8 +37,8 @@ static double edge_length(const struct surface *surface, uint32_t edge)
     const uint8_t *start = corner[side], *end = corner[(side + 1) % 4];
     const double *a = surface->control[face][start[0]][start[1]];
     const double *b = surface->control[face][end[0]][end[1]];
-    return vec3_length(vec3(b[VALUE_X] - a[VALUE_X], b[VALUE_Y] - a[VALUE_Y],
-                            b[VALUE_Z] - a[VALUE_Z]));
+    return vec3_length(
+        vec3(b[VALUE_X] - a[VALUE_X], b[VALUE_Y] - a[VALUE_Y], b[VALUE_Z] - a[VALUE_Z]));
 }
 
 /* A chord and its mirror image are one, so that both halves get the same triangles. */
@@ -276,9 +276,9 @@ uint32_t skd_tessellation_triangles(const struct tessellation *t, uint32_t face,
     uint32_t quad = t->quad_first[face], count = 0;
     for (uint32_t j = 0; j < nv; ++j) {
         for (uint32_t i = 0; i < nu; ++i, ++quad) {
-            const uint32_t corner[4] = {
-                grid_vertex(t, face, i, j), grid_vertex(t, face, i + 1, j),
-                grid_vertex(t, face, i + 1, j + 1), grid_vertex(t, face, i, j + 1)};
+            const uint32_t corner[4] = {grid_vertex(t, face, i, j), grid_vertex(t, face, i + 1, j),
+                                        grid_vertex(t, face, i + 1, j + 1),
+                                        grid_vertex(t, face, i, j + 1)};
             uint32_t middle = middles_before(t, quad);
             if (middles_before(t, quad + 1) > middle) {
                 for (uint32_t k = 0; k < 4; ++k) {

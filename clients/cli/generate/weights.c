@@ -10,20 +10,19 @@ static const double least_weight = 1.0 / 1024.0;
 
 /* Half the width of the blend at a bone's head, in metres. */
 static const double head_bands[BONE_COUNT] = {
-    [BONE_SPINE] = 0.050,     [BONE_CHEST] = 0.050,   [BONE_UPPER_CHEST] = 0.050,
-    [BONE_NECK] = 0.032,      [BONE_HEAD] = 0.030,    [BONE_JAW] = 0.014,
-    [BONE_CLAVICLE] = 0.060,  [BONE_UPPER_ARM] = 0.055, [BONE_FOREARM] = 0.042,
-    [BONE_HAND] = 0.024,      [BONE_THIGH] = 0.070,   [BONE_SHIN] = 0.060,
-    [BONE_FOOT] = 0.032,      [BONE_TOE] = 0.022,
+    [BONE_SPINE] = 0.050,    [BONE_CHEST] = 0.050,     [BONE_UPPER_CHEST] = 0.050,
+    [BONE_NECK] = 0.032,     [BONE_HEAD] = 0.030,      [BONE_JAW] = 0.014,
+    [BONE_CLAVICLE] = 0.060, [BONE_UPPER_ARM] = 0.055, [BONE_FOREARM] = 0.042,
+    [BONE_HAND] = 0.024,     [BONE_THIGH] = 0.070,     [BONE_SHIN] = 0.060,
+    [BONE_FOOT] = 0.032,     [BONE_TOE] = 0.022,
 };
 
-/* Planes that are not the bisector of a bone and its parent, on the left side; zero: the bisector. */
+/* Planes that are not the bisector of a bone and its parent, on the left side; zero: the bisector.
+ */
 static const struct vec3 head_normals[BONE_COUNT] = {
-    [BONE_SPINE] = {0, 1, 0},        [BONE_CHEST] = {0, 1, 0},
-    [BONE_UPPER_CHEST] = {0, 1, 0},  [BONE_NECK] = {0, 0.94, 0.34},
-    [BONE_HEAD] = {0, 0.82, 0.57},   [BONE_JAW] = {0, -0.96, -0.28},
-    [BONE_CLAVICLE] = {1, 0, 0},     [BONE_THIGH] = {0.45, -0.89, 0},
-    [BONE_FOOT] = {0, -0.97, 0.24},
+    [BONE_SPINE] = {0, 1, 0},      [BONE_CHEST] = {0, 1, 0},        [BONE_UPPER_CHEST] = {0, 1, 0},
+    [BONE_NECK] = {0, 0.94, 0.34}, [BONE_HEAD] = {0, 0.82, 0.57},   [BONE_JAW] = {0, -0.96, -0.28},
+    [BONE_CLAVICLE] = {1, 0, 0},   [BONE_THIGH] = {0.45, -0.89, 0}, [BONE_FOOT] = {0, -0.97, 0.24},
 };
 
 static double finger_band(int kind)
@@ -179,8 +178,7 @@ static double share(const struct skeleton_bone *bone, const struct weight_point 
     int finger = ((int)bone->kind - BONE_FINGER_FIRST) / PHALANX_COUNT;
     if (((int)bone->kind - BONE_FINGER_FIRST) % PHALANX_COUNT > 0)
         return 1.0;
-    return finger == 0 ? smooth_step(1.3 * value[VALUE_THUMB] - 0.1)
-                       : finger_share(point, finger);
+    return finger == 0 ? smooth_step(1.3 * value[VALUE_THUMB] - 0.1) : finger_share(point, finger);
 }
 
 /* The share of the point past the bone's plane. The clavicle and the thumb's first bone lie inside
@@ -227,8 +225,8 @@ static void normalise(const uint8_t *chosen, int count, const double *weight,
     for (int i = INFLUENCE_COUNT - 1; i > 0; --i) {
         joint[i] = i < count ? chosen[i] : 0;
         /* 2^-20 steps: the rest, and any sum of the four, is then exact in float32. */
-        out[i] = i < count ? (float)(nearbyint(weight[chosen[i]] / sum * 1048576.0) / 1048576.0)
-                           : 0.0f;
+        out[i] =
+            i < count ? (float)(nearbyint(weight[chosen[i]] / sum * 1048576.0) / 1048576.0) : 0.0f;
         rest -= out[i];
     }
     joint[0] = chosen[0];
