@@ -163,54 +163,79 @@ void skd_elements_close(struct skd_elements *elements)
     *elements = (struct skd_elements){0};
 }
 
-static float clamp_low(float value)
-{
-    return value < -1 ? -1 : value;
-}
+/* Reads a run of `type` into out, number by number, as `convert(value)`. Elements without gaps are
+ * one long element. */
+#define READ_RUN(type, convert)                                                                    \
+    {                                                                                              \
+        const bool has_gaps = stride != width * sizeof(type);                                      \
+        const size_t runs = has_gaps ? count : 1, length = has_gaps ? width : width * count;       \
+        for (size_t e = 0; e < runs; e++, from += stride)                                          \
+            for (size_t i = 0; i < length; i++) {                                                  \
+                type value;                                                                        \
+                memcpy(&value, from + i * sizeof value, sizeof value);                             \
+                *out++ = convert(value);                                                           \
+            }                                                                                      \
+    }
 
-void skd_elements_floats(const struct skd_elements *elements, size_t index, float *out)
+#define AS_FLOAT(value) ((float)(value))
+#define AS_UNIT8(value) ((float)(value) / 255.0f)
+#define AS_UNIT16(value) ((float)(value) / 65535.0f)
+#define AS_SIGNED8(value) ((value) < -127 ? -1.0f : (float)(value) / 127.0f)
+#define AS_SIGNED16(value) ((value) < -32767 ? -1.0f : (float)(value) / 32767.0f)
+#define AS_INTEGER(value) ((uint32_t)(value))
+
+void skd_elements_floats(const struct skd_elements *elements, size_t first, size_t count,
+                         float *out)
 {
-    const uint8_t *from = elements->bytes + index * elements->stride;
-    const size_t width = (size_t)elements->width;
-    const bool normalized = elements->is_normalized;
-    switch (elements->component) {
-    case SKD_GLTF_FLOAT:
-        memcpy(out, from, width * sizeof *out);
+    const size_t width = (size_t)elements->width, stride = elements->stride;
+    const uint8_t *from = elements->bytes + first * stride;
+    switch (elements->component * 2 + elements->is_normalized) {
+    case SKD_GLTF_BYTE * 2:
+        READ_RUN(int8_t, AS_FLOAT)
         break;
-    case SKD_GLTF_UNSIGNED_BYTE:
-        for (size_t i = 0; i < width; i++)
-            out[i] = (float)from[i] / (normalized ? 255.0f : 1.0f);
+    case SKD_GLTF_BYTE * 2 + 1:
+        READ_RUN(int8_t, AS_SIGNED8)
         break;
-    case SKD_GLTF_BYTE:
-        for (size_t i = 0; i < width; i++) {
-            const float value = (float)(int8_t)from[i];
-            out[i] = normalized ? clamp_low(value / 127.0f) : value;
-        }
+    case SKD_GLTF_UNSIGNED_BYTE * 2:
+        READ_RUN(uint8_t, AS_FLOAT)
         break;
-    case SKD_GLTF_UNSIGNED_SHORT:
-        for (size_t i = 0; i < width; i++) {
-            uint16_t value;
-            memcpy(&value, from + i * sizeof value, sizeof value);
-            out[i] = (float)value / (normalized ? 65535.0f : 1.0f);
-        }
+    case SKD_GLTF_UNSIGNED_BYTE * 2 + 1:
+        READ_RUN(uint8_t, AS_UNIT8)
         break;
-    case SKD_GLTF_SHORT:
-        for (size_t i = 0; i < width; i++) {
-            int16_t value;
-            memcpy(&value, from + i * sizeof value, sizeof value);
-            out[i] = normalized ? clamp_low((float)value / 32767.0f) : (float)value;
-        }
+    case SKD_GLTF_SHORT * 2:
+        READ_RUN(int16_t, AS_FLOAT)
+        break;
+    case SKD_GLTF_SHORT * 2 + 1:
+        READ_RUN(int16_t, AS_SIGNED16)
+        break;
+    case SKD_GLTF_UNSIGNED_SHORT * 2:
+        READ_RUN(uint16_t, AS_FLOAT)
+        break;
+    case SKD_GLTF_UNSIGNED_SHORT * 2 + 1:
+        READ_RUN(uint16_t, AS_UNIT16)
+        break;
+    case SKD_GLTF_FLOAT * 2:
+    case SKD_GLTF_FLOAT * 2 + 1:
+        READ_RUN(float, AS_FLOAT)
         break;
     default:
-        for (size_t i = 0; i < width; i++)
-            out[i] = (float)read_unsigned(from + i * 4, SKD_GLTF_UNSIGNED_INT);
+        READ_RUN(uint32_t, AS_FLOAT)
     }
 }
 
-void skd_elements_integers(const struct skd_elements *elements, size_t index, uint32_t *out)
+void skd_elements_integers(const struct skd_elements *elements, size_t first, size_t count,
+                           uint32_t *out)
 {
-    const uint8_t *from = elements->bytes + index * elements->stride;
-    const size_t bytes = skd_component_bytes(elements->component);
-    for (size_t i = 0; i < (size_t)elements->width; i++)
-        out[i] = read_unsigned(from + i * bytes, elements->component);
+    const size_t width = (size_t)elements->width, stride = elements->stride;
+    const uint8_t *from = elements->bytes + first * stride;
+    switch (elements->component) {
+    case SKD_GLTF_UNSIGNED_BYTE:
+        READ_RUN(uint8_t, AS_INTEGER)
+        break;
+    case SKD_GLTF_UNSIGNED_SHORT:
+        READ_RUN(uint16_t, AS_INTEGER)
+        break;
+    default:
+        READ_RUN(uint32_t, AS_INTEGER)
+    }
 }

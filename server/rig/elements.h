@@ -31,9 +31,12 @@ void skd_elements_close(struct skd_elements *elements);
 /* Bytes of one component, 0 for a type that glTF does not have. */
 size_t skd_component_bytes(int component);
 
-/* Element `index` as float32; normalised integers as the specification maps them. */
-void skd_elements_floats(const struct skd_elements *elements, size_t index, float *out);
-/* Element `index` as integers; only for unsigned integer components. */
-void skd_elements_integers(const struct skd_elements *elements, size_t index, uint32_t *out);
+/* Elements [first, first + count) as float32, one after the other; normalised integers as the
+ * specification maps them. */
+void skd_elements_floats(const struct skd_elements *elements, size_t first, size_t count,
+                         float *out);
+/* The same as integers; only for unsigned integer components. */
+void skd_elements_integers(const struct skd_elements *elements, size_t first, size_t count,
+                           uint32_t *out);
 
 #endif

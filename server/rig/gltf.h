@@ -18,18 +18,29 @@ SKD_MUST_CHECK enum skd_status skd_gltf_import(const char *path, struct skd_rig 
                                                struct skd_error *error);
 
 struct skd_gltf_export_report {
-    uint64_t bytes;          /* written, the main file and a .bin beside it */
-    size_t accessors;        /* JOINTS_n and WEIGHTS_n accessors written */
+    uint64_t bytes;          /* written, the main file and those beside it */
+    size_t accessors;        /* JOINTS_n and WEIGHTS_n of primitives in which a row changed */
     double largest_rounding; /* largest change of one weight by quantising, 0 for float32 */
 };
 
-/* Writes the rig's source with new weights to `path`: joints [V][N] (SKD_SLOT_EMPTY is written as
- * joint 0, weight 0) and weights [V][N]. Sets that the source has are rewritten in place, in
- * their own component types (quantised by largest remainder); sets beyond N are zeroed; missing
- * sets are added as new accessors. The file is written beside the target and renamed, so that a
- * full disk leaves the old one. Writing over the source is allowed.
- * Errors: SKD_UNSUPPORTED (the rig came as arrays, or `path` ends in neither .glb nor .gltf like
- * its source), SKD_SOURCE_CHANGED, SKD_FILE_IO, SKD_NO_MEMORY. */
+/* Writes the rig's source with new weights to `path`: joints [V][N] (SKD_SLOT_EMPTY weighs
+ * nothing) and weights [V][N], rows that sum to one.
+ *
+ * A row that means what the file's row means leaves that row's bytes alone, so that a file written
+ * unchanged is its source, byte for byte. In a row that changes, bones keep their slots; integer
+ * weights are rounded by largest remainder and sum to one exactly. Sets are written in place, in
+ * their own types; where that cannot be (sparse, bytes shared with something else, a joint number
+ * too large, sets missing) the primitive gets accessors at the end of buffer 0 and the JSON is
+ * edited at these places alone.
+ *
+ * A .bin that changes is written beside the target under the target's name (the source's own when
+ * the source is replaced); other files that the source needs are copied into the target's folder.
+ * Everything is written under temporary names and renamed at the end, so that a full disk leaves
+ * the old files. Writing over the source is allowed, and exporting again after it.
+ *
+ * Errors: SKD_UNSUPPORTED (the rig came as arrays, `path` does not end like its source, a negative
+ * weight, an image outside the source's folder), SKD_SOURCE_CHANGED, SKD_FILE_IO, SKD_TOO_LARGE,
+ * SKD_NO_MEMORY. */
 SKD_MUST_CHECK enum skd_status skd_gltf_export(const struct skd_rig *rig, int slot_count,
                                                const uint16_t *joints, const float *weights,
                                                const char *path,

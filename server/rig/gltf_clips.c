@@ -53,8 +53,8 @@ static void mend_rotations(struct skd_channel *channel, size_t *notes)
 static enum skd_status read_times(const struct skd_elements *input, const char *what,
                                   struct skd_channel *channel, struct skd_error *error)
 {
+    skd_elements_floats(input, 0, channel->key_count, channel->times);
     for (size_t k = 0; k < channel->key_count; k++) {
-        skd_elements_floats(input, k, &channel->times[k]);
         if (!isfinite(channel->times[k]) || (k > 0 && channel->times[k] < channel->times[k - 1]))
             return skd_fail(error, SKD_BAD_RIG, "%s: the times of its keys do not rise", what);
     }
@@ -64,14 +64,10 @@ static enum skd_status read_times(const struct skd_elements *input, const char *
 static enum skd_status read_values(const struct skd_elements *output, const char *what,
                                    struct skd_channel *channel, struct skd_error *error)
 {
-    const size_t width = (size_t)output->width;
-    for (size_t i = 0; i < output->count; i++) {
-        float *value = channel->values + i * width;
-        skd_elements_floats(output, i, value);
-        for (size_t k = 0; k < width; k++)
-            if (!isfinite(value[k]))
-                return skd_fail(error, SKD_BAD_RIG, "%s: a key is not finite", what);
-    }
+    skd_elements_floats(output, 0, output->count, channel->values);
+    for (size_t i = 0; i < output->count * (size_t)output->width; i++)
+        if (!isfinite(channel->values[i]))
+            return skd_fail(error, SKD_BAD_RIG, "%s: a key is not finite", what);
     return SKD_OK;
 }
 

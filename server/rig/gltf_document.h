@@ -44,6 +44,7 @@ struct skd_gltf_accessor {
     bool is_normalized;
     bool is_sparse;
     bool has_bounds; /* min or max */
+    int use_count;   /* in attributes, morph targets, indices, skins and samplers */
     size_t sparse_count;
     int32_t index_view;
     size_t index_offset;

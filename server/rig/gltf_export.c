@@ -19,14 +19,11 @@
 #include <strings.h>
 
 /* Reads the file's row, which may have fewer sets than are to be written. */
-static void read_file_row(const struct skd_gltf_sets *sets, size_t vertex, int set_count,
+static void read_file_row(struct skd_gltf_sets *sets, size_t vertex, int set_count,
                           struct skd_file_row *row)
 {
     *row = (struct skd_file_row){.count = set_count * 4};
-    for (int set = 0; set < sets->count; set++) {
-        skd_elements_integers(&sets->joints[set], vertex, row->joints + set * 4);
-        skd_elements_floats(&sets->weights[set], vertex, row->weights + set * 4);
-    }
+    skd_gltf_sets_raw_row(sets, vertex, row->joints, row->weights);
     for (int i = 0; i < row->count; i++)
         row->bones[i] = i < sets->count * 4 && row->joints[i] < sets->joint_count
                             ? sets->bones[row->joints[i]]

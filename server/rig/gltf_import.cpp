@@ -33,6 +33,7 @@ class flattener
         flatten_each(model.nodes, document->nodes, document->node_count);
         flatten_each(model.skins, document->skins, document->skin_count);
         flatten_each(model.animations, document->animations, document->animation_count);
+        count_uses(model);
     }
 
   private:
@@ -75,6 +76,32 @@ class flattener
         count = from.size();
         for (size_t i = 0; i < count; i++)
             flatten_one(from[i], to[i]);
+    }
+
+    void count_use(int accessor)
+    {
+        if (accessor >= 0 && static_cast<size_t>(accessor) < document->accessor_count)
+            document->accessors[accessor].use_count++;
+    }
+
+    void count_uses(const tinygltf::Model &model)
+    {
+        for (const auto &mesh : model.meshes)
+            for (const auto &primitive : mesh.primitives) {
+                count_use(primitive.indices);
+                for (const auto &attribute : primitive.attributes)
+                    count_use(attribute.second);
+                for (const auto &target : primitive.targets)
+                    for (const auto &attribute : target)
+                        count_use(attribute.second);
+            }
+        for (const auto &skin : model.skins)
+            count_use(skin.inverseBindMatrices);
+        for (const auto &animation : model.animations)
+            for (const auto &sampler : animation.samplers) {
+                count_use(sampler.input);
+                count_use(sampler.output);
+            }
     }
 
     void flatten_one(const tinygltf::BufferView &from, skd_gltf_view &to)

@@ -7,8 +7,6 @@
 
 #include "rig/elements.h"
 #include "rig/gltf_sets.h"
-#include "rig/large.h"
-
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -141,9 +139,9 @@ static enum skd_status reserve_mesh(struct skd_mesh *mesh, const struct totals *
                                     struct skd_error *error)
 {
     mesh->vertex_count = totals->vertices;
-    mesh->rest = skd_large_alloc(totals->vertices * 3 * sizeof *mesh->rest);
-    mesh->skins = skd_large_alloc(totals->vertices * sizeof *mesh->skins);
-    mesh->triangles = skd_large_alloc((totals->triangles * 3 + 1) * sizeof *mesh->triangles);
+    mesh->rest = malloc(totals->vertices * 3 * sizeof *mesh->rest);
+    mesh->skins = malloc(totals->vertices * sizeof *mesh->skins);
+    mesh->triangles = malloc((totals->triangles * 3 + 1) * sizeof *mesh->triangles);
     if (mesh->rest == NULL || mesh->skins == NULL || mesh->triangles == NULL)
         return skd_fail_memory(error, "the meshes");
     return SKD_OK;
@@ -161,9 +159,10 @@ static enum skd_status read_positions(const struct skd_gltf_container *container
                    part->primitive);
     enum skd_status status =
         skd_elements_open(container, primitive->position, 3, what, &positions, error);
+    if (status == SKD_OK)
+        skd_elements_floats(&positions, 0, part->vertex_count, mesh->rest + part->first_vertex * 3);
     for (size_t v = 0; status == SKD_OK && v < part->vertex_count; v++) {
-        float *rest = mesh->rest + (part->first_vertex + v) * 3;
-        skd_elements_floats(&positions, v, rest);
+        const float *rest = mesh->rest + (part->first_vertex + v) * 3;
         mesh->skins[part->first_vertex + v] = part->skin;
         if (!isfinite(rest[0]) || !isfinite(rest[1]) || !isfinite(rest[2]))
             status = skd_fail(error, SKD_BAD_RIG, "%s: vertex %zu is not finite", what, v);
@@ -181,6 +180,21 @@ static size_t corner_of(int mode, size_t t, size_t k)
         return k == 0 ? 0 : t + k;
     /* Each second triangle of a strip is turned so that all face the same way. */
     return t + (t % 2 != 0 && k != 0 ? 3 - k : k);
+}
+
+/* The vertex at each corner of the triangles, within the part. Without indices, bytes is NULL. */
+static void read_corners(int mode, const struct skd_elements *indices, size_t count, uint32_t *out)
+{
+    if (indices->bytes != NULL && mode == SKD_GLTF_TRIANGLES) {
+        skd_elements_integers(indices, 0, count, out);
+        return;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const size_t corner = corner_of(mode, i / 3, i % 3);
+        out[i] = (uint32_t)corner;
+        if (indices->bytes != NULL)
+            skd_elements_integers(indices, corner, 1, &out[i]);
+    }
 }
 
 static enum skd_status read_triangles(const struct skd_gltf_container *container,
@@ -201,15 +215,13 @@ static enum skd_status read_triangles(const struct skd_gltf_container *container
         status = skd_fail(error, SKD_BAD_RIG, "%s are not unsigned integers", what);
     const size_t triangles = triangle_count(primitive->mode, indices.count);
     uint32_t *out = mesh->triangles + mesh->triangle_count * 3;
+    if (status == SKD_OK)
+        read_corners(primitive->mode, &indices, triangles * 3, out);
     for (size_t i = 0; status == SKD_OK && i < triangles * 3; i++) {
-        const size_t corner = corner_of(primitive->mode, i / 3, i % 3);
-        uint32_t index = (uint32_t)corner;
-        if (indices.bytes != NULL)
-            skd_elements_integers(&indices, corner, &index);
-        if (index >= part->vertex_count)
-            status = skd_fail(error, SKD_BAD_RIG, "%s name vertex %u of %zu", what, index,
+        if (out[i] >= part->vertex_count)
+            status = skd_fail(error, SKD_BAD_RIG, "%s name vertex %u of %zu", what, out[i],
                               part->vertex_count);
-        out[i] = (uint32_t)part->first_vertex + index;
+        out[i] += (uint32_t)part->first_vertex;
     }
     mesh->triangle_count += triangles;
     skd_elements_close(&indices);

@@ -146,8 +146,8 @@ static bool are_rows_equal(const struct skd_influence *a, int a_count,
     return a_count == b_count;
 }
 
-bool skd_row_is_kept(const struct skd_gltf_sets *sets, size_t vertex,
-                     const struct skd_influence *wanted, int wanted_count)
+bool skd_row_is_kept(struct skd_gltf_sets *sets, size_t vertex, const struct skd_influence *wanted,
+                     int wanted_count)
 {
     struct skd_influence row[SKD_INFLUENCES_MAX];
     size_t notes[SKD_NOTE_COUNT] = {0};
@@ -230,28 +230,34 @@ static size_t find_part(const struct skd_mesh *mesh, size_t mesh_index, size_t p
     return p;
 }
 
-static bool uses_accessor(const struct skd_gltf_primitive *primitive, int32_t accessor)
+/* In how many of its roles a primitive uses an accessor. */
+static int count_uses(const struct skd_gltf_primitive *primitive, int32_t accessor)
 {
-    const int count = primitive->set_count < SKD_SETS_MAX ? primitive->set_count : SKD_SETS_MAX;
-    for (int set = 0; set < count; set++)
-        if (primitive->joints[set] == accessor || primitive->weights[set] == accessor)
-            return true;
-    return primitive->position == accessor || primitive->indices == accessor;
+    const int sets = primitive->set_count < SKD_SETS_MAX ? primitive->set_count : SKD_SETS_MAX;
+    int uses = (primitive->position == accessor) + (primitive->indices == accessor);
+    for (int set = 0; set < sets; set++)
+        uses += (primitive->joints[set] == accessor) + (primitive->weights[set] == accessor);
+    return uses;
 }
 
-/* True when the accessor has a user that does not want the same rows as the part's group. */
+/* True when the accessor has a user that does not want the same rows as the part's group, or a use
+ * of another kind. */
 static bool has_other_user(const struct skd_rig *rig, const struct skd_gltf_document *document,
                            const struct skd_part_plan *plans, size_t part, int32_t accessor)
 {
+    int known = 0;
     for (size_t m = 0; m < document->mesh_count; m++)
         for (size_t p = 0; p < document->meshes[m].primitive_count; p++) {
-            if (!uses_accessor(&document->meshes[m].primitives[p], accessor))
+            const int uses = count_uses(&document->meshes[m].primitives[p], accessor);
+            if (uses == 0)
                 continue;
             const size_t user = find_part(&rig->mesh, m, p);
-            if (user == rig->mesh.part_count || plans[user].leader != plans[part].leader)
+            if (uses > 1 || user == rig->mesh.part_count ||
+                plans[user].leader != plans[part].leader)
                 return true;
+            known += uses;
         }
-    return false;
+    return known != document->accessors[accessor].use_count;
 }
 
 static bool is_alone(const struct claims *claims, int32_t accessor)

@@ -44,8 +44,8 @@ struct skd_part_plan {
 int skd_wanted_row(const struct skd_new_weights *wanted, size_t vertex, struct skd_influence *row);
 
 /* True when the file's row means exactly what is wanted and is valid as it stands. */
-bool skd_row_is_kept(const struct skd_gltf_sets *sets, size_t vertex,
-                     const struct skd_influence *wanted, int wanted_count);
+bool skd_row_is_kept(struct skd_gltf_sets *sets, size_t vertex, const struct skd_influence *wanted,
+                     int wanted_count);
 
 /* Plans all parts; plans[part_count] is zeroed by the caller. New targets have no bytes yet.
  * Errors: SKD_UNSUPPORTED (negative weights), SKD_NO_MEMORY, those of reading. */

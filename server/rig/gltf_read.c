@@ -31,9 +31,11 @@ static enum skd_status find_rest_pose(struct skd_rig *rig, struct skd_error *err
     return SKD_OK;
 }
 
-/* Everything that needs the file's bytes, which are given back before the topology is made. */
+/* Everything that needs the file's bytes. Their memory becomes scratch, and the rest is given back
+ * before the topology is made. */
 static enum skd_status read_file(struct skd_gltf_source *source, struct skd_rig *rig,
-                                 struct skd_influences *influences, struct skd_error *error)
+                                 struct skd_influences *influences, struct skd_scratch *scratch,
+                                 struct skd_error *error)
 {
     struct skd_gltf_container container;
     enum skd_status status = skd_gltf_container_read(source, &container, error);
@@ -48,6 +50,8 @@ static enum skd_status read_file(struct skd_gltf_source *source, struct skd_rig 
         status = find_rest_pose(rig, error);
     if (status == SKD_OK)
         status = skd_gltf_read_meshes(&container, source, rig, influences, error);
+    *scratch = (struct skd_scratch){container.file, container.file_bytes};
+    container.file = NULL;
     skd_gltf_container_finish(&container);
     return status;
 }
@@ -58,6 +62,7 @@ enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
     *rig = NULL;
     *influences = (struct skd_influences){0};
     struct skd_gltf_source *source = NULL;
+    struct skd_scratch scratch = {0};
     enum skd_status status = skd_gltf_source_open(path, &source, error);
     if (status != SKD_OK)
         return skd_clean_error(status, error);
@@ -67,12 +72,13 @@ enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
         return skd_fail_memory(error, "a rig");
     }
     made->source = source;
-    status = read_file(source, made, influences, error);
+    status = read_file(source, made, influences, &scratch, error);
     /* Only a file splits vertices; a client's own array means each of its vertices. */
     if (status == SKD_OK)
-        status = skd_topology_find_twins(&made->mesh, influences, error);
+        status = skd_topology_find_twins(&made->mesh, influences, &scratch, error);
     if (status == SKD_OK)
-        status = skd_rig_derive(made, influences, error);
+        status = skd_rig_derive(made, influences, &scratch, error);
+    skd_scratch_finish(&scratch);
     if (status != SKD_OK) {
         skd_rig_destroy(made);
         skd_influences_finish(influences);

@@ -55,10 +55,12 @@ enum skd_status skd_gltf_sets_open(const struct skd_gltf_container *container,
     const struct skd_gltf_primitive *primitive =
         &container->document->meshes[part->mesh].primitives[part->primitive];
     const uint32_t *first = &source->skin_joints[part->skin];
-    *sets = (struct skd_gltf_sets){.vertex_count = part->vertex_count,
-                                   .joint_count = first[1] - first[0],
-                                   .bones = source->bone_of_joint + first[0],
-                                   .root = find_root(&rig->skeleton, part->skin)};
+    sets->vertex_count = part->vertex_count;
+    sets->count = 0;
+    sets->joint_count = first[1] - first[0];
+    sets->bones = source->bone_of_joint + first[0];
+    sets->root = find_root(&rig->skeleton, part->skin);
+    sets->read_first = sets->read_end = 0;
     enum skd_status status = SKD_OK;
     for (int set = 0; status == SKD_OK && set < primitive->set_count; set++) {
         sets->count = set + 1;
@@ -85,15 +87,40 @@ void skd_gltf_sets_close(struct skd_gltf_sets *sets)
     sets->count = 0;
 }
 
-int skd_gltf_sets_row(const struct skd_gltf_sets *sets, size_t vertex, struct skd_influence *row,
+/* Where the vertex's row stands among those that were read. */
+static size_t read_ahead(struct skd_gltf_sets *sets, size_t vertex)
+{
+    if (vertex < sets->read_first || vertex >= sets->read_end) {
+        const size_t left = sets->vertex_count - vertex;
+        const size_t count = left < SKD_ROWS_AHEAD ? left : SKD_ROWS_AHEAD;
+        for (int set = 0; set < sets->count; set++) {
+            skd_elements_integers(&sets->joints[set], vertex, count, sets->read_joints[set][0]);
+            skd_elements_floats(&sets->weights[set], vertex, count, sets->read_weights[set][0]);
+        }
+        sets->read_first = vertex;
+        sets->read_end = vertex + count;
+    }
+    return vertex - sets->read_first;
+}
+
+void skd_gltf_sets_raw_row(struct skd_gltf_sets *sets, size_t vertex, uint32_t *joints,
+                           float *weights)
+{
+    const size_t at = read_ahead(sets, vertex);
+    for (int set = 0; set < sets->count; set++) {
+        memcpy(joints + set * 4, sets->read_joints[set][at], 4 * sizeof *joints);
+        memcpy(weights + set * 4, sets->read_weights[set][at], 4 * sizeof *weights);
+    }
+}
+
+int skd_gltf_sets_row(struct skd_gltf_sets *sets, size_t vertex, struct skd_influence *row,
                       size_t *notes)
 {
+    const size_t at = read_ahead(sets, vertex);
     int count = 0;
     for (int set = 0; set < sets->count; set++) {
-        uint32_t joints[4];
-        float weights[4];
-        skd_elements_integers(&sets->joints[set], vertex, joints);
-        skd_elements_floats(&sets->weights[set], vertex, weights);
+        const uint32_t *joints = sets->read_joints[set][at];
+        const float *weights = sets->read_weights[set][at];
         for (int i = 0; i < 4; i++) {
             if (weights[i] == 0)
                 continue;

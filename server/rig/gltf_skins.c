@@ -108,7 +108,7 @@ static enum skd_status read_bind(const struct skd_elements *binds, size_t skin, 
     float columns[16];
     double wide[16];
     *is_affine = true;
-    skd_elements_floats(binds, joint, columns);
+    skd_elements_floats(binds, joint, 1, columns);
     for (int i = 0; i < 16; i++) {
         if (!isfinite(columns[i]))
             return skd_fail(error, SKD_BAD_RIG,

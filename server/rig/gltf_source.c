@@ -1,8 +1,6 @@
 /* See gltf_source.h. */
 #include "rig/gltf_source.h"
 
-#include "rig/large.h"
-
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -115,7 +113,7 @@ static enum skd_status check_digest(struct skd_gltf_file *file, const uint8_t *b
 enum skd_status skd_gltf_file_read(struct skd_gltf_file *file, uint8_t **bytes,
                                    struct skd_error *error)
 {
-    *bytes = skd_large_alloc(file->bytes + 1);
+    *bytes = malloc(file->bytes + 1);
     if (*bytes == NULL)
         return skd_fail_memory(error, "the bytes of a glTF file");
     enum skd_status status = read_all(file, *bytes, error);

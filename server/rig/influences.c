@@ -1,10 +1,9 @@
 /* See influences.h. */
 #include "rig/influences.h"
 
-#include "rig/large.h"
-
 #include <float.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 
 /* Takes out what is no weight. */
@@ -47,7 +46,7 @@ static int scale_to_one(struct skd_influence *row, int count, size_t *notes)
     const double off = fabs(sum - 1);
     if (off <= SKD_ROW_SUM_EXACT)
         return count;
-    if (off > SKD_ROW_SUM_VALID)
+    if (off > SKD_ROW_SUM_VALID * count)
         notes[SKD_NOTE_WEIGHTS_NORMALISED]++;
     int kept = 0;
     for (int i = 0; i < count; i++) {
@@ -75,8 +74,28 @@ static void sort_largest_first(struct skd_influence *row, int count)
     }
 }
 
+/* The usual row: nothing to mend, and in order already. */
+static bool is_mended(const struct skd_influence *row, int count)
+{
+    double sum = 0;
+    for (int i = 0; i < count; i++) {
+        if (!(row[i].weight > 0))
+            return false;
+        sum += (double)row[i].weight;
+        if (i > 0 && (row[i - 1].weight < row[i].weight ||
+                      (row[i - 1].weight == row[i].weight && row[i - 1].bone > row[i].bone)))
+            return false;
+        for (int k = 0; k < i; k++)
+            if (row[k].bone == row[i].bone)
+                return false;
+    }
+    return fabs(sum - 1) <= SKD_ROW_SUM_EXACT; /* also tells infinite ones */
+}
+
 int skd_influences_mend(struct skd_influence *row, int count, uint16_t root, size_t *notes)
 {
+    if (is_mended(row, count))
+        return count;
     count = drop_invalid(row, count, notes);
     count = merge_bones(row, count, notes);
     if (count == 0) {
@@ -92,9 +111,9 @@ int skd_influences_mend(struct skd_influence *row, int count, uint16_t root, siz
 enum skd_status skd_influences_reserve(struct skd_influences *influences, size_t vertex_count,
                                        size_t most, struct skd_error *error)
 {
-    influences->offsets = skd_large_alloc((vertex_count + 1) * sizeof *influences->offsets);
-    influences->joints = skd_large_alloc(most * sizeof *influences->joints);
-    influences->weights = skd_large_alloc(most * sizeof *influences->weights);
+    influences->offsets = malloc((vertex_count + 1) * sizeof *influences->offsets);
+    influences->joints = malloc(most * sizeof *influences->joints);
+    influences->weights = malloc(most * sizeof *influences->weights);
     if (influences->offsets == NULL || influences->joints == NULL || influences->weights == NULL)
         return skd_fail_memory(error, "the influences");
     influences->offsets[0] = 0;

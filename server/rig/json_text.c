@@ -13,17 +13,26 @@ static const char *skip_space(const char *at, const char *end)
 
 /* All of the following return where the value ends, or NULL with *problem set. */
 
+/* Strings can be whole buffers in base64, so they are not walked character by character. */
 static const char *skip_string(const char *at, const char *end, const char **problem)
 {
-    for (at++; at < end; at++) {
-        if (*at == '"')
-            return at + 1;
-        if ((unsigned char)*at < 0x20)
+    const char *start = at + 1;
+    for (at = start;; at++) {
+        at = memchr(at, '"', (size_t)(end - at));
+        if (at == NULL)
             break;
-        if (*at == '\\')
-            at++;
+        const char *escape = at;
+        while (escape > start && escape[-1] == '\\')
+            escape--;
+        if ((at - escape) % 2 == 0)
+            break;
     }
-    *problem = at < end ? at : end;
+    bool has_control = false;
+    for (const char *c = start; at != NULL && c < at; c++)
+        has_control |= (unsigned char)*c < 0x20;
+    if (at != NULL && !has_control)
+        return at + 1;
+    *problem = start;
     return NULL;
 }
 

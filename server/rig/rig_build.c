@@ -2,7 +2,6 @@
 #include "rig/rig_build.h"
 
 #include "rig/influences.h"
-#include "rig/large.h"
 #include "rig/matrix.h"
 #include "rig/names.h"
 #include "rig/rig_derive.h"
@@ -139,8 +138,8 @@ static enum skd_status copy_mesh(const struct skd_rig_arrays *arrays, struct skd
     struct skd_mesh *mesh = &rig->mesh;
     mesh->vertex_count = arrays->vertex_count;
     mesh->triangle_count = arrays->triangle_count;
-    mesh->rest = skd_large_alloc(mesh->vertex_count * 3 * sizeof *mesh->rest);
-    mesh->triangles = skd_large_alloc((mesh->triangle_count * 3 + 1) * sizeof *mesh->triangles);
+    mesh->rest = malloc(mesh->vertex_count * 3 * sizeof *mesh->rest);
+    mesh->triangles = malloc((mesh->triangle_count * 3 + 1) * sizeof *mesh->triangles);
     mesh->skins = calloc(mesh->vertex_count, sizeof *mesh->skins);
     mesh->parts = calloc(1, sizeof *mesh->parts);
     if (mesh->rest == NULL || mesh->triangles == NULL || mesh->skins == NULL || mesh->parts == NULL)
@@ -194,6 +193,7 @@ enum skd_status skd_rig_from_arrays(const struct skd_rig_arrays *arrays, struct 
         status = check_influences(arrays, error);
     if (status != SKD_OK)
         return status;
+    struct skd_scratch scratch = {0};
     struct skd_rig *made = calloc(1, sizeof *made);
     if (made == NULL)
         return skd_fail_memory(error, "a rig");
@@ -203,7 +203,8 @@ enum skd_status skd_rig_from_arrays(const struct skd_rig_arrays *arrays, struct 
     if (status == SKD_OK)
         status = copy_influences(arrays, made, influences, error);
     if (status == SKD_OK)
-        status = skd_rig_derive(made, influences, error);
+        status = skd_rig_derive(made, influences, &scratch, error);
+    skd_scratch_finish(&scratch);
     if (status != SKD_OK)
         goto fail;
     *rig = made;

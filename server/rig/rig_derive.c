@@ -68,7 +68,7 @@ static double box_diagonal(const struct skd_mesh *mesh, const struct skd_influen
 }
 
 enum skd_status skd_rig_derive(struct skd_rig *rig, const struct skd_influences *influences,
-                               struct skd_error *error)
+                               struct skd_scratch *scratch, struct skd_error *error)
 {
     struct skd_mesh *mesh = &rig->mesh;
     enum skd_status status = find_heads(&rig->skeleton, error);
@@ -80,5 +80,5 @@ enum skd_status skd_rig_derive(struct skd_rig *rig, const struct skd_influences 
     if (!(rig->length > 0))
         rig->length = 1;
     rig->notes[SKD_NOTE_TRIANGLES_DROPPED] += skd_topology_drop_degenerate(mesh);
-    return skd_topology_find_neighbours(mesh, error);
+    return skd_topology_find_neighbours(mesh, scratch, error);
 }

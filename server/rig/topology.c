@@ -9,8 +9,6 @@
  */
 #include "rig/topology.h"
 
-#include "rig/large.h"
-
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,22 +40,24 @@ size_t skd_topology_drop_degenerate(struct skd_mesh *mesh)
     return dropped;
 }
 
+enum { KEY_HEAD = 3 * sizeof(float) + 2 * sizeof(uint16_t), KEY_PAIR = 2 * sizeof(uint32_t) };
+
+/* The key is put together number by number, as rows are too short for memcpy to pay. */
 static uint64_t hash_vertex(const struct skd_mesh *mesh, const struct skd_influences *influences,
                             size_t v)
 {
-    unsigned char key[3 * sizeof(float) + sizeof(uint16_t) +
-                      SKD_INFLUENCES_MAX * (sizeof(uint16_t) + sizeof(float))];
+    unsigned char key[KEY_HEAD + SKD_INFLUENCES_MAX * KEY_PAIR];
     const size_t first = influences->offsets[v], count = influences->offsets[v + 1] - first;
-    unsigned char *end = key;
-    memcpy(end, mesh->rest + v * 3, 3 * sizeof(float));
-    end += 3 * sizeof(float);
-    memcpy(end, mesh->skins + v, sizeof(uint16_t));
-    end += sizeof(uint16_t);
-    memcpy(end, influences->weights + first, count * sizeof(float));
-    end += count * sizeof(float);
-    memcpy(end, influences->joints + first, count * sizeof(uint16_t));
-    end += count * sizeof(uint16_t);
-    return XXH3_64bits(key, (size_t)(end - key));
+    const uint32_t skin = mesh->skins[v];
+    memcpy(key, mesh->rest + v * 3, 3 * sizeof(float));
+    memcpy(key + 3 * sizeof(float), &skin, sizeof skin);
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t joint = influences->joints[first + i];
+        memcpy(key + KEY_HEAD + i * KEY_PAIR, &joint, sizeof joint);
+        memcpy(key + KEY_HEAD + i * KEY_PAIR + sizeof joint, &influences->weights[first + i],
+               sizeof(float));
+    }
+    return XXH3_64bits(key, KEY_HEAD + count * KEY_PAIR);
 }
 
 static bool is_twin(const struct skd_mesh *mesh, const struct skd_influences *influences, size_t a,
@@ -75,18 +75,17 @@ static bool is_twin(const struct skd_mesh *mesh, const struct skd_influences *in
 
 enum skd_status skd_topology_find_twins(struct skd_mesh *mesh,
                                         const struct skd_influences *influences,
-                                        struct skd_error *error)
+                                        struct skd_scratch *scratch, struct skd_error *error)
 {
     const size_t count = mesh->vertex_count;
     size_t capacity = 64;
     while (capacity < count + count / 2)
         capacity *= 2;
     const size_t mask = capacity - 1;
-    uint64_t *table = skd_large_alloc(capacity * sizeof *table);
-    uint32_t *twins = skd_large_alloc(count * sizeof *twins);
+    uint64_t *table = skd_scratch_take(scratch, capacity * sizeof *table);
+    uint32_t *twins = malloc(count * sizeof *twins);
     size_t found = 0;
     if (table == NULL || twins == NULL) {
-        free(table);
         free(twins);
         return skd_fail_memory(error, "the search for seams");
     }
@@ -115,7 +114,6 @@ enum skd_status skd_topology_find_twins(struct skd_mesh *mesh,
             table[at] = tag | (uint32_t)(v + 1);
         }
     }
-    free(table);
     if (found == 0) {
         free(twins);
         twins = NULL;
@@ -202,14 +200,16 @@ static size_t insert(uint32_t *set, size_t count, uint32_t value)
     return count;
 }
 
-static size_t find_small_set(const struct corner *corners, size_t count, uint32_t *set)
+static size_t find_small_set(const struct corner *corners, size_t count, uint32_t self,
+                             uint32_t *set)
 {
     size_t listed = 0;
     for (size_t i = 0; i < count; i++)
-        listed = insert(set, listed, corners[i].next);
+        if (corners[i].next != self)
+            listed = insert(set, listed, corners[i].next);
     for (size_t i = 0; i < count; i++) {
-        uint32_t is_listed = 0; /* nearly always: looked up without a branch */
-        for (size_t k = 0; k < listed; k++)
+        uint32_t is_listed = corners[i].previous == self;
+        for (size_t k = 0; k < listed; k++) /* nearly always there: looked up without a branch */
             is_listed |= set[k] == corners[i].previous;
         if (!is_listed)
             listed = insert(set, listed, corners[i].previous);
@@ -221,19 +221,20 @@ static size_t find_small_set(const struct corner *corners, size_t count, uint32_
  * own memory or lie before it: a corner is read before anything is written there. */
 static size_t find_set(const struct corner *corners, size_t count, uint32_t self, uint32_t *out)
 {
-    size_t listed = 0;
     if (count <= SMALL_SET) {
         uint32_t set[SMALL_SET * 2];
-        listed = find_small_set(corners, count, set);
-        memcpy(out, set, listed * sizeof *set);
-    } else {
-        for (size_t i = 0; i < count; i++) {
-            const struct corner corner = corners[i];
-            out[listed++] = corner.next;
-            out[listed++] = corner.previous;
-        }
-        qsort(out, listed, sizeof *out, compare_indexes);
+        const size_t listed = find_small_set(corners, count, self, set);
+        for (size_t i = 0; i < listed; i++)
+            out[i] = set[i];
+        return listed;
     }
+    size_t listed = 0;
+    for (size_t i = 0; i < count; i++) {
+        const struct corner corner = corners[i];
+        out[listed++] = corner.next;
+        out[listed++] = corner.previous;
+    }
+    qsort(out, listed, sizeof *out, compare_indexes);
     return make_unique(out, listed, self);
 }
 
@@ -251,8 +252,8 @@ static enum skd_status spread_over_rings(struct skd_mesh *mesh, const uint32_t *
                         "the vertices of the mesh have %zu neighbours in all, more than %zu: too "
                         "many of them share one place; merge vertices by distance",
                         total, NEIGHBOURS_MAX);
-    uint32_t *offsets = skd_large_alloc((count + 1) * sizeof *offsets);
-    uint32_t *neighbours = skd_large_alloc((total + 1) * sizeof *neighbours);
+    uint32_t *offsets = malloc((count + 1) * sizeof *offsets);
+    uint32_t *neighbours = malloc((total + 1) * sizeof *neighbours);
     if (offsets == NULL || neighbours == NULL) {
         free(offsets);
         free(neighbours);
@@ -271,41 +272,46 @@ static enum skd_status spread_over_rings(struct skd_mesh *mesh, const uint32_t *
     return SKD_OK;
 }
 
-enum skd_status skd_topology_find_neighbours(struct skd_mesh *mesh, struct skd_error *error)
+/* Makes the lists of all first vertices over their own corners, where they always fit, and copies
+ * them out. */
+static enum skd_status list_neighbours(struct skd_mesh *mesh, const uint32_t *offsets,
+                                       struct corner *corners, struct skd_error *error)
 {
-    enum skd_status status = SKD_OK;
-    const size_t count = mesh->vertex_count, corner_count = mesh->triangle_count * 3;
-    uint32_t *firsts = NULL;
-    uint32_t *offsets = skd_large_alloc((count + 2) * sizeof *offsets);
-    struct corner *corners = skd_large_alloc(corner_count * sizeof *corners);
-    mesh->neighbour_offsets = skd_large_alloc((count + 1) * sizeof *mesh->neighbour_offsets);
-    if (mesh->twins != NULL)
-        firsts = skd_large_alloc(count * sizeof *firsts);
-    if (offsets == NULL || corners == NULL || mesh->neighbour_offsets == NULL ||
-        (mesh->twins != NULL && firsts == NULL)) {
-        free(corners);
-        status = skd_fail_memory(error, "the mesh neighbours");
-        goto done;
-    }
-    if (firsts != NULL)
-        find_ring_firsts(mesh, firsts);
-    gather_corners(mesh, firsts, offsets, corners);
-    /* A set is never longer than the corners it is made of: the lists grow over them. */
-    uint32_t *lists = &corners->next;
+    const size_t count = mesh->vertex_count;
+    uint32_t *lists = (uint32_t *)(void *)corners;
     size_t total = 0;
+    mesh->neighbour_offsets = malloc((count + 1) * sizeof *mesh->neighbour_offsets);
+    if (mesh->neighbour_offsets == NULL)
+        return skd_fail_memory(error, "the mesh neighbours");
     for (size_t v = 0; v < count; v++) {
         mesh->neighbour_offsets[v] = (uint32_t)total;
         total +=
             find_set(corners + offsets[v], offsets[v + 1] - offsets[v], (uint32_t)v, lists + total);
     }
     mesh->neighbour_offsets[count] = (uint32_t)total;
-    mesh->neighbours = realloc(corners, (total + 1) * sizeof *mesh->neighbours);
+    mesh->neighbours = malloc((total + 1) * sizeof *mesh->neighbours);
     if (mesh->neighbours == NULL)
-        mesh->neighbours = lists;
+        return skd_fail_memory(error, "the mesh neighbours");
+    memcpy(mesh->neighbours, lists, total * sizeof *lists);
+    return SKD_OK;
+}
+
+enum skd_status skd_topology_find_neighbours(struct skd_mesh *mesh, struct skd_scratch *scratch,
+                                             struct skd_error *error)
+{
+    /* In scratch: corners, their offsets, and the first of each vertex's ring when there are any.
+     */
+    const size_t corner_count = mesh->triangle_count * 3, offset_count = mesh->vertex_count + 2;
+    const size_t first_count = mesh->twins != NULL ? mesh->vertex_count : 0;
+    struct corner *corners = skd_scratch_take(
+        scratch, corner_count * sizeof *corners + (offset_count + first_count) * sizeof(uint32_t));
+    if (corners == NULL)
+        return skd_fail_memory(error, "the mesh neighbours");
+    uint32_t *offsets = (uint32_t *)(void *)(corners + corner_count);
+    uint32_t *firsts = first_count > 0 ? offsets + offset_count : NULL;
     if (firsts != NULL)
-        status = spread_over_rings(mesh, firsts, error);
-done:
-    free(firsts);
-    free(offsets);
-    return status;
+        find_ring_firsts(mesh, firsts);
+    gather_corners(mesh, firsts, offsets, corners);
+    const enum skd_status status = list_neighbours(mesh, offsets, corners, error);
+    return status == SKD_OK && firsts != NULL ? spread_over_rings(mesh, firsts, error) : status;
 }

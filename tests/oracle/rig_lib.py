@@ -9,6 +9,7 @@ import subprocess
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Callable
 from urllib.parse import unquote
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 ASSETS = ROOT.parent / "shared" / "assets"
 QUICK = os.environ.get("SKIND_QUICK", "") not in ("", "0")
+PROBE = Path(os.environ.get("SKIND_BUILD", ROOT / "build" / "release")) / "bin" / "rig_probe"
 EMPTY = 0xFFFF
 
 
@@ -27,10 +29,7 @@ def asset_paths() -> list[str]:
 
 def _run_probe(*arguments: object) -> list[dict]:
     """Runs rig_probe; a crash or a sanitizer's complaint fails the test."""
-    build = Path(os.environ.get("SKIND_BUILD", ROOT / "build" / "release"))
-    done = subprocess.run(
-        [build / "bin" / "rig_probe", *map(str, arguments)], capture_output=True, text=True, timeout=300
-    )
+    done = subprocess.run([PROBE, *map(str, arguments)], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return [json.loads(line) for line in done.stdout.splitlines()]
 
@@ -116,6 +115,23 @@ def export(path: Path, target: Path, joints: np.ndarray, weights: np.ndarray, sc
     joints.astype("<u2").tofile(scratch / "joints.raw")
     weights.astype("<f4").tofile(scratch / "weights.raw")
     return probe("export", path, target, joints.shape[1], scratch / "joints.raw", scratch / "weights.raw")
+
+
+def export_after(
+    path: Path, target: Path, rows: tuple[np.ndarray, np.ndarray], scratch: Path, change: Callable[[], object]
+) -> dict:
+    """Exports a file to which something is done after it was loaded; the report."""
+    rows[0].astype("<u2").tofile(scratch / "joints.raw")
+    rows[1].astype("<f4").tofile(scratch / "weights.raw")
+    arguments = ["hold", path, target, rows[0].shape[1], scratch / "joints.raw", scratch / "weights.raw"]
+    with subprocess.Popen(
+        [PROBE, *map(str, arguments)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert json.loads(process.stdout.readline())["status"] == "loaded"
+        change()
+        answer, _ = process.communicate("go on\n", timeout=60)
+        assert process.returncode == 0
+    return json.loads(answer)
 
 
 def posed(path: Path, poses: list[tuple[int, float]], vertices: int, scratch: Path) -> np.ndarray:

@@ -3,6 +3,7 @@
  *   rig_probe load FILE [ARRAYS]                     summary; ARRAYS gets rest, joints, ...
  *   rig_probe pose FILE OUT (CLIP TIME)...           posed positions, float32 [poses][V][3]
  *   rig_probe export FILE TARGET N JOINTS WEIGHTS    raw uint16 and float32 [V][N] files
+ *   rig_probe hold FILE TARGET N JOINTS WEIGHTS      the same, after a line on stdin
  *   rig_probe time FILE TIMES                        milliseconds of each load
  *   rig_probe check FILE...                          status and text of each, one object a line
  *
@@ -252,6 +253,16 @@ static void command_export(const struct loaded *loaded, char **arguments)
     print_json(json);
 }
 
+/* Says that the file is loaded and lets the caller change it. */
+static void command_hold(const struct loaded *loaded, char **arguments)
+{
+    char line[8];
+    puts("{\"status\":\"loaded\"}");
+    fflush(stdout);
+    if (fgets(line, sizeof line, stdin) != NULL)
+        command_export(loaded, arguments);
+}
+
 static double now_ms(void)
 {
     struct timespec now;
@@ -314,6 +325,8 @@ int main(int count, char **arguments)
         command_pose(&loaded, count - 3, arguments + 3);
     else if (strcmp(command, "export") == 0 && count == 7)
         command_export(&loaded, arguments + 3);
+    else if (strcmp(command, "hold") == 0 && count == 7)
+        command_hold(&loaded, arguments + 3);
     else
         fprintf(stderr, "see rig_probe.c\n");
     finish(&loaded);

@@ -1,11 +1,12 @@
 """Exports: nothing but weights changes, and what is written is valid."""
 
 import copy
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rig_lib import ASSETS, EMPTY, Gltf, Rig, asset_paths, export, load, run_node
+from rig_lib import ASSETS, EMPTY, Gltf, Rig, asset_paths, export, export_after, load, run_node
 from rig_make import Maker, Tube, plain
 from test_rig_load import NOTES, REFUSED
 
@@ -92,7 +93,11 @@ def check_only_weights_differ(source: Path, target: Path) -> None:
     for name in ("accessors", "bufferViews"):
         del now[name][len(was[name]) :]
     assert now == was
-    for index in set(range(len(was["accessors"]))) - weights:
+    others = {
+        index
+        for mesh in was["meshes"] for primitive in mesh["primitives"] for index in primitive["attributes"].values()
+    }  # fmt: skip
+    for index in set(range(len(was["accessors"]))) - (weights - others):
         assert np.array_equal(old.elements(index).view("u1"), new.elements(index).view("u1"))
     for image in old.json.get("images", []):
         if "bufferView" in image:
@@ -233,6 +238,16 @@ def variants() -> dict[str, Maker]:
             JOINTS_1=maker.accessor(none), WEIGHTS_1=maker.accessor(none, normalized=True),
         )  # fmt: skip
 
+    def twofold(maker: Maker, shape: Tube) -> dict:
+        none = maker.accessor(np.zeros_like(shape.shares))
+        weights = maker.accessor(shape.shares, normalized=True)
+        return one(maker, shape, WEIGHTS_0=weights, JOINTS_1=none, WEIGHTS_1=none)
+
+    def coloured(maker: Maker, shape: Tube) -> dict:
+        primitive = one(maker, shape)
+        primitive["attributes"]["COLOR_0"] = primitive["attributes"]["WEIGHTS_0"]
+        return primitive
+
     def interleaved(maker: Maker, shape: Tube) -> dict:
         columns = maker.interleaved(POSITION=shape.positions, WEIGHTS_0=shape.shares, JOINTS_0=shape.joints)
         low, high = shape.positions.min(0).tolist(), shape.positions.max(0).tolist()
@@ -250,6 +265,8 @@ def variants() -> dict[str, Maker]:
     add("bounds", Tube(), bounded)
     add("u8 joints of 300", Tube(joint_count=300), narrow)
     add("mixed types", Tube(), mixed)
+    add("one accessor in two roles", Tube(), twofold)
+    add("weights as colours", Tube(), coloured)
     return made
 
 
@@ -386,3 +403,77 @@ def test_padding_and_unknown_chunks(tmp_path: Path) -> None:
     assert written.endswith(extra)
     assert int.from_bytes(written[8:12], "little") == len(written)
     check_rows(load(tmp_path / "out.glb", tmp_path), *wanted, 0)
+
+
+@pytest.mark.parametrize("external", [None, "tube.bin"])
+def test_source_that_goes_away(external: str | None, tmp_path: Path) -> None:
+    """Renamed, replaced or unlinked, the file that was loaded is still there to export from."""
+    source = plain().write(tmp_path / "tube.gltf", external)
+    wanted = sculpted(load(source, tmp_path), 4)
+    for name in ("moved", "unlinked", "replaced"):
+        plain().write(source, external)
+
+        def change() -> None:
+            for path in (source, *([tmp_path / external] if external else [])):
+                if name == "moved":
+                    path.rename(tmp_path / ("old " + path.name))
+                else:
+                    path.unlink()
+                    if name == "replaced":
+                        path.write_bytes(b"something else")
+
+        report = export_after(source, tmp_path / "out.gltf", wanted, tmp_path, change)
+        assert report["status"] == "ok", (name, report)
+        check_rows(load(tmp_path / "out.gltf", tmp_path), *wanted, 0)
+
+
+def test_source_that_is_written_to(tmp_path: Path) -> None:
+    """A file that was changed in place is no longer the one that was loaded."""
+    def flip(path: Path) -> None:
+        with path.open("r+b") as file:
+            file.seek(-1, 2)
+            last = file.read(1)
+            file.seek(-1, 2)
+            file.write(bytes([last[0] ^ 1]))
+
+    def grow(path: Path) -> None:
+        with path.open("ab") as file:
+            file.write(b" ")
+
+    def cut(path: Path) -> None:
+        os.truncate(path, path.stat().st_size - 1)
+
+    for external in (None, "tube.bin"):
+        for change in (flip, grow, cut):
+            source = plain().write(tmp_path / "tube.gltf", external)
+            wanted = sculpted(load(source, tmp_path), 4)
+            victim = tmp_path / external if external else source
+            answer = export_after(source, tmp_path / "out.gltf", wanted, tmp_path, lambda: change(victim))
+            assert answer["status"] == "source_changed", (external, change.__name__, answer)
+            assert victim.name in answer["text"]
+            assert not (tmp_path / "out.gltf").exists()
+
+
+def test_validator_agrees_on_sums(tmp_path: Path) -> None:
+    """Rows that the validator takes stay as they are; those that it rejects are mended and said."""
+    pairs, verdicts = [], []
+    for count in (1, 2, 3, 4):
+        for off in (1e-7, 1.8e-7, 3e-7, 4.8e-7, 5.4e-7, 7e-7, 7.8e-7, 1e-6):
+            maker, shape = Maker(), Tube()
+            shape.joints[:], shape.weights[:] = [1, 2, 3, 4], 0
+            shape.joints[:, count:] = 0
+            shape.weights[:, :count] = 1 / count
+            shape.weights[:, 0] = 1 - (count - 1) * np.float64(np.float32(1 / count)) + off
+            primitive = {"attributes": shape.attributes(maker), "indices": maker.accessor(shape.indices)}
+            source = shape.build(maker, [primitive]).write(tmp_path / f"{count} {off}.glb")
+            target = tmp_path / f"{count} {off} out.glb"
+            rig = load(source, tmp_path)
+            report = export(source, target, *rig.rows(4), tmp_path)
+            is_kept = source.read_bytes() == target.read_bytes()
+            assert is_kept == (report["accessors"] == 0) == ("weights_normalised" not in rig.summary["notes"])
+            pairs += [str(source), str(target)]
+            verdicts.append(is_kept)
+    answers = run_node("rig_validate.mjs", pairs)
+    assert [not answer for answer in answers[::2]] == verdicts
+    assert not any(answers[1::2])
+    assert True in verdicts and False in verdicts
