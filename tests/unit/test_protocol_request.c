@@ -168,7 +168,7 @@ static const struct {
     {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"time\":1,\"matrices\":[]}", SKD_BAD_PARAMS,
      "clip and"},
     {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"clip\":\"c\",\"time\":1,\"matrices\":[]}",
-     SKD_BAD_PARAMS, "not both"},
+     SKD_BAD_PARAMS, "give one of"},
     {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"clip\":\"c\",\"time\":1e999}", SKD_NOT_FINITE,
      "time is not finite"},
     {"pose.set", "{\"session\":\"a\",\"pose\":\"p\",\"matrices\":[1,2,3]}", SKD_BAD_PARAMS,
