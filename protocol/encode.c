@@ -7,7 +7,6 @@
 #include "protocol/encode.h"
 
 #include "protocol/errors.h"
-#include "protocol/utf8.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -345,27 +344,13 @@ enum skd_status skd_encode_request(enum skd_wire_mode mode, int64_t id, const ch
     return encode(mode, &members, body, arrays, array_count, encoded, error);
 }
 
-/* An error's sentence may quote a peer's bytes or be cut within a character; what is not UTF-8
- * becomes '?'. */
-static void mend_utf8(char *text)
-{
-    size_t bytes = strlen(text);
-    size_t valid = 0;
-    while ((valid += skd_utf8_valid_bytes(text + valid, bytes - valid)) < bytes)
-        text[valid] = '?';
-}
-
 static cJSON *make_error(const struct skd_error *failure)
 {
     const struct skd_error_entry *entry = skd_error_entry(failure->status);
-    char text[SKD_ERROR_TEXT_BYTES];
-    memcpy(text, failure->text, sizeof text);
-    text[sizeof text - 1] = '\0';
-    mend_utf8(text);
     cJSON *body = cJSON_CreateObject();
     cJSON *data = cJSON_CreateObject();
     bool is_made = add(body, "code", cJSON_CreateNumber(entry->number));
-    is_made &= add(body, "message", cJSON_CreateString(text));
+    is_made &= add(body, "message", cJSON_CreateString(failure->text));
     is_made &= add(data, "name", cJSON_CreateString(entry->name));
     is_made &= add(data, "retryable", cJSON_CreateBool(entry->retryable));
     is_made &= add(data, "hint", cJSON_CreateString(entry->hint));

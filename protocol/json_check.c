@@ -2,8 +2,8 @@
  * object. Each check_... moves `at` behind what it read, or says in `trouble` what is wrong. */
 #include "protocol/json_check.h"
 
+#include "base/utf8.h"
 #include "protocol/limits.h"
-#include "protocol/utf8.h"
 
 #include <string.h>
 

@@ -2,8 +2,8 @@
  * request.h. A new parameter is a new row; only what ties several members together is code. */
 #include "protocol/request.h"
 
+#include "base/utf8.h"
 #include "protocol/request_fields.h"
-#include "protocol/utf8.h"
 
 #include <float.h>
 #include <limits.h>

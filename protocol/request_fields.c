@@ -1,7 +1,7 @@
 /* See request_fields.h. One small function a kind; each writes its value or a sentence. */
 #include "protocol/request_fields.h"
 
-#include "protocol/utf8.h"
+#include "base/utf8.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -6,11 +6,10 @@
  *                      (distances between points: blind to       and bones share it ─► brushes
  *                       where the whole character is)
  */
+#include "base/utf8.h"
 #include "clients/cli/cli.h"
 #include "clients/cli/play.h"
 #include "clients/cli/print.h"
-
-#include "protocol/utf8.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,6 +1,8 @@
 /* See error.h. Three functions, no state. */
 #include "base/error.h"
 
+#include "base/utf8.h"
+
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,6 +17,7 @@ enum skd_status skd_fail(struct skd_error *error, enum skd_status status, const 
     va_start(arguments, format);
     (void)vsnprintf(error->text, sizeof error->text, format, arguments);
     va_end(arguments);
+    skd_utf8_mend(error->text);
     return status;
 }
 

@@ -66,7 +66,8 @@ struct skd_error {
 #define SKD_MUST_CHECK __attribute__((warn_unused_result))
 
 /* Fills error (which may be NULL) and returns status, so that a failing call ends in
- * `return skd_fail(error, SKD_BAD_INDEX, "...")`. Never allocates. */
+ * `return skd_fail(error, SKD_BAD_INDEX, "...")`. Never allocates. Whatever bytes of a peer or a
+ * file the sentence quotes, it comes out as UTF-8 on one line. */
 enum skd_status skd_fail(struct skd_error *error, enum skd_status status, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 

@@ -6,7 +6,6 @@
  */
 #include "rig/gltf.h"
 
-#include "rig/clean_text.h"
 #include "rig/gltf_companions.h"
 #include "rig/gltf_patch.h"
 #include "rig/gltf_plan.h"
@@ -225,7 +224,7 @@ enum skd_status skd_gltf_export(const struct skd_rig *rig, int slot_count, const
                         "this rig did not come from a file; load a glTF file to write one");
     enum skd_status status = skd_gltf_container_read(rig->source, &export.container, error);
     if (status != SKD_OK)
-        return skd_clean_error(status, error);
+        return status;
     export.plans = calloc(rig->mesh.part_count + 1, sizeof *export.plans);
     export.is_written = calloc(export.container.buffer_count + 1, sizeof *export.is_written);
     if (export.plans == NULL || export.is_written == NULL)
@@ -246,5 +245,5 @@ enum skd_status skd_gltf_export(const struct skd_rig *rig, int slot_count, const
     free(export.plans);
     free(export.is_written);
     skd_gltf_container_finish(&export.container);
-    return skd_clean_error(status, error);
+    return status;
 }

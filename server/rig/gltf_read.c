@@ -1,7 +1,6 @@
 /* See gltf.h: a file becomes a rig. The steps are those of gltf_read.h. */
 #include "rig/gltf.h"
 
-#include "rig/clean_text.h"
 #include "rig/gltf_read.h"
 #include "rig/matrix.h"
 #include "rig/nodes.h"
@@ -65,7 +64,7 @@ enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
     struct skd_scratch scratch = {0};
     enum skd_status status = skd_gltf_source_open(path, &source, error);
     if (status != SKD_OK)
-        return skd_clean_error(status, error);
+        return status;
     struct skd_rig *made = calloc(1, sizeof *made);
     if (made == NULL) {
         skd_gltf_source_destroy(source);
@@ -82,7 +81,7 @@ enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
     if (status != SKD_OK) {
         skd_rig_destroy(made);
         skd_influences_finish(influences);
-        return skd_clean_error(status, error);
+        return status;
     }
     *rig = made;
     return SKD_OK;

@@ -1,9 +1,9 @@
 /* Frames, lines and messages: every split, every limit, and what must be refused. */
 #include "protocol_helpers.h"
 
+#include "base/utf8.h"
 #include "protocol/errors.h"
 #include "protocol/message.h"
-#include "protocol/utf8.h"
 
 #include <stdio.h>
 

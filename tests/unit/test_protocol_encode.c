@@ -1,9 +1,9 @@
 /* Messages to bytes and back, in both modes; errors; limits; every allocation made to fail. */
 #include "protocol_helpers.h"
 
+#include "base/utf8.h"
 #include "protocol/encode.h"
 #include "protocol/errors.h"
-#include "protocol/utf8.h"
 
 #include <float.h>
 #include <math.h>

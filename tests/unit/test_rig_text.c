@@ -1,5 +1,4 @@
-/* The parts of the rig room that handle text: JSON where it stands, URIs, sentences. */
-#include "rig/clean_text.h"
+/* The parts of the rig room that handle text: JSON where it stands, and URIs. */
 #include "rig/json_edit.h"
 #include "rig/json_text.h"
 #include "rig/uri.h"
@@ -225,25 +224,13 @@ static void test_paths(void **state)
     free(uri);
 }
 
-static void test_clean_error(void **state)
-{
-    (void)state;
-    struct skd_error error = {0};
-    strcpy(error.text, "a\nb\xFF\xC3\xA9\xC3(\xE2\x82\xAC\xED\xA0\x80\xF0\x9F\x98\x80\xF0\x9F");
-    assert_int_equal(skd_clean_error(SKD_OK, &error), SKD_OK);
-    assert_int_equal(error.text[1], '\n');
-    assert_int_equal(skd_clean_error(SKD_BAD_RIG, &error), SKD_BAD_RIG);
-    assert_string_equal(error.text, "a?b?\xC3\xA9?(\xE2\x82\xAC???\xF0\x9F\x98\x80??");
-    assert_int_equal(skd_clean_error(SKD_BAD_RIG, NULL), SKD_BAD_RIG);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_json_grammar),   cmocka_unit_test(test_json_depth),
         cmocka_unit_test(test_json_truncated), cmocka_unit_test(test_json_find),
         cmocka_unit_test(test_json_edits),     cmocka_unit_test(test_base64),
-        cmocka_unit_test(test_paths),          cmocka_unit_test(test_clean_error),
+        cmocka_unit_test(test_paths),
     };
     return cmocka_run_group_tests_name("rig text", tests, NULL, NULL);
 }

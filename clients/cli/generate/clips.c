@@ -113,7 +113,7 @@ static const struct pose_entry crouch_entries[] = {
     {BONE_FOOT, SIDE_CENTRE, {28, 0, 0}},        {BONE_JAW, SIDE_CENTRE, {10, 0, 0}},
 };
 static const struct pose crouch_pose = {
-    .hips = {0, -0.30, -0.14},
+    .hips = {0, -0.37, -0.18},
     .entries = crouch_entries,
     .entry_count = COUNT_OF(crouch_entries),
     .finger = {{25, 0, 0}, {72, 0, 0}, {74, 0, 0}, {74, 0, 0}, {72, 0, 0}},
@@ -148,14 +148,15 @@ static const struct pose overhead_pose = {
 };
 
 static const struct pose_entry floor_entries[] = {
-    {BONE_SPINE, SIDE_CENTRE, {28, 0, 0}},       {BONE_CHEST, SIDE_CENTRE, {25, 0, 0}},
-    {BONE_UPPER_CHEST, SIDE_CENTRE, {18, 0, 0}}, {BONE_NECK, SIDE_CENTRE, {15, 0, 0}},
-    {BONE_CLAVICLE, SIDE_CENTRE, {-8, 0, 0}},    {BONE_UPPER_ARM, SIDE_CENTRE, {80, 0, -30}},
-    {BONE_FOREARM, SIDE_CENTRE, {10, 0, 0}},     {BONE_THIGH, SIDE_CENTRE, {75, 0, 0}},
-    {BONE_SHIN, SIDE_CENTRE, {30, 0, 0}},        {BONE_FOOT, SIDE_CENTRE, {-8, 0, 0}},
+    {BONE_HIPS, SIDE_CENTRE, {55, 0, 0}},      {BONE_SPINE, SIDE_CENTRE, {25, 0, 0}},
+    {BONE_CHEST, SIDE_CENTRE, {20, 0, 0}},     {BONE_UPPER_CHEST, SIDE_CENTRE, {15, 0, 0}},
+    {BONE_NECK, SIDE_CENTRE, {-15, 0, 0}},     {BONE_CLAVICLE, SIDE_CENTRE, {-8, 0, 0}},
+    {BONE_UPPER_ARM, SIDE_CENTRE, {95, 0, 0}}, {BONE_FOREARM, SIDE_CENTRE, {5, 0, 0}},
+    {BONE_THIGH, SIDE_CENTRE, {62, 0, 0}},     {BONE_SHIN, SIDE_CENTRE, {12, 0, 0}},
+    {BONE_FOOT, SIDE_CENTRE, {5, 0, 0}},
 };
 static const struct pose floor_pose = {
-    .hips = {0, -0.05, -0.16},
+    .hips = {0, -0.02, -0.02},
     .entries = floor_entries,
     .entry_count = COUNT_OF(floor_entries),
     .finger = {{15, 0, 0}, {12, 0, 0}, {12, 0, 0}, {12, 0, 0}, {12, 0, 0}},
@@ -183,7 +184,7 @@ static const double walk_shin[WALK_STEPS] = {6, 18, 12, 8, 22, 56, 58, 22};
 static const double walk_foot[WALK_STEPS] = {0, -6, 4, 8, -10, -14, 0, 4};
 static const double walk_toe[WALK_STEPS] = {4, 0, 0, 6, 26, 8, 4, 6};
 static const double walk_arm[WALK_STEPS] = {-22, -15, 0, 15, 22, 15, 0, -15};
-static const double walk_elbow[WALK_STEPS] = {12, 14, 20, 28, 34, 28, 20, 14};
+static const double walk_elbow[WALK_STEPS] = {8, 9, 12, 16, 20, 16, 12, 9};
 static const double walk_sway[WALK_STEPS] = {1.0, 0.7, 0, -0.7, -1.0, -0.7, 0, 0.7};
 static const double walk_height[WALK_STEPS] = {-0.032, -0.038, -0.018, -0.014,
                                                -0.032, -0.038, -0.018, -0.014};

@@ -1,5 +1,5 @@
 /* See utf8.h. */
-#include "protocol/utf8.h"
+#include "base/utf8.h"
 
 #include <string.h>
 
@@ -45,6 +45,19 @@ size_t skd_utf8_valid_bytes(const char *text, size_t bytes)
         valid += length;
     }
     return valid;
+}
+
+void skd_utf8_mend(char *text)
+{
+    size_t bytes = strlen(text);
+    size_t length;
+    for (unsigned char *at = (unsigned char *)text; bytes > 0; at += length, bytes -= length) {
+        length = character_bytes(at, bytes);
+        if (length == 0 || *at < 0x20 || *at == 0x7F) {
+            *at = '?';
+            length = 1;
+        }
+    }
 }
 
 int skd_utf8_quote(const char *text, size_t most)
