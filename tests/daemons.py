@@ -24,7 +24,8 @@ class Daemon:
         self.log = folder / "log"
         self.process = subprocess.Popen(
             [BIN / "skind", "--socket", str(self.socket), *options],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self.log.open("ab"))
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self.log.open("ab"),
+            env={"TSAN_OPTIONS": f"suppressions={ROOT / 'tests' / 'tsan.supp'}", **os.environ})
 
     def wait_ready(self) -> "Daemon":
         deadline = time.monotonic() + START_SECONDS

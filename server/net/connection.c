@@ -97,15 +97,12 @@ static void break_off(struct skd_connection *connection, const struct skd_error 
 static void on_space(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
 {
     struct skd_connection *connection = handle->data;
-    struct skd_error error;
     unsigned char *space;
     size_t space_bytes;
     (void)suggested;
-    *buffer = uv_buf_init(NULL, 0);
-    if (skd_reader_space(&connection->reader, &space, &space_bytes, &error) != SKD_OK) {
-        break_off(connection, &error);
+    *buffer = uv_buf_init(NULL, 0); /* on_read gets UV_ENOBUFS; libuv wants the stream alive here */
+    if (skd_reader_space(&connection->reader, &space, &space_bytes, NULL) != SKD_OK)
         return;
-    }
     /* libuv's lengths are unsigned int on some systems. */
     size_t most = (size_t)1 << 30;
     *buffer = uv_buf_init((char *)space, (unsigned)(space_bytes < most ? space_bytes : most));
@@ -116,9 +113,12 @@ static void on_read(uv_stream_t *stream, ssize_t bytes, const uv_buf_t *buffer)
     struct skd_connection *connection = stream->data;
     struct skd_error error;
     (void)buffer;
-    if (bytes == 0 || bytes == UV_ENOBUFS || connection->draining)
+    if (bytes == 0 || connection->draining)
         return;
-    if (bytes == UV_EOF) {
+    if (bytes == UV_ENOBUFS) {
+        (void)skd_fail_memory(&error, "what was sent");
+        break_off(connection, &error);
+    } else if (bytes == UV_EOF) {
         connection->ended = true;
         uv_read_stop(stream);
         close_if_done(connection);
@@ -131,14 +131,20 @@ static void on_read(uv_stream_t *stream, ssize_t bytes, const uv_buf_t *buffer)
     }
 }
 
-/* Hands out the frames that are whole, then reads on, unless something holds it. */
+/* Hands out the frames that are whole, then reads on, unless something holds it. A frame that is
+ * answered at once may end a hold, which comes back here: the flag makes that a round of this loop
+ * and not a deeper stack. */
 static void read_more(struct skd_connection *connection)
 {
     struct skd_frame frame;
     uv_stream_t *stream = (uv_stream_t *)&connection->pipe;
+    if (connection->handing_out)
+        return;
+    connection->handing_out = true;
     while (connection->holds == 0 && !connection->closing && !connection->draining &&
            skd_reader_take(&connection->reader, &frame))
         connection->events.frame(connection->events.user, connection, &frame);
+    connection->handing_out = false;
     if (connection->closing || connection->draining || connection->ended)
         return;
     if (connection->holds != 0)
@@ -221,11 +227,9 @@ void skd_connection_send(struct skd_connection *connection, struct skd_outgoing 
         const struct skd_piece *piece = &encoded->pieces[i];
         /* uv_buf_t has no const; libuv only reads what it writes out. */
         if (piece->bytes > 0)
-            request->buffers[count++] =
-                uv_buf_init((char *)piece->data, (unsigned)piece->bytes);
+            request->buffers[count++] = uv_buf_init((char *)piece->data, (unsigned)piece->bytes);
         if (piece->padding > 0)
-            request->buffers[count++] =
-                uv_buf_init((char *)skd_zeros, (unsigned)piece->padding);
+            request->buffers[count++] = uv_buf_init((char *)skd_zeros, (unsigned)piece->padding);
     }
     if (uv_write(&request->uv, (uv_stream_t *)&connection->pipe, request->buffers, count,
                  on_written) != 0) {

@@ -44,8 +44,9 @@ struct skd_connection {
     unsigned holds;
     int unanswered;
     int open_handles;
-    bool draining; /* closes when all is written */
-    bool ended;    /* the peer sends no more; it may still listen */
+    bool handing_out; /* read_more is at it */
+    bool draining;    /* closes when all is written */
+    bool ended;       /* the peer sends no more; it may still listen */
     bool closing;
 };
 

@@ -21,7 +21,7 @@ enum skd_status skd_update_encode(enum skd_wire_mode mode, const struct skd_upda
                                   struct skd_encoded *encoded, struct skd_error *error)
 {
     const struct skd_step *step = update->step;
-    bool whole = mode == SKD_WIRE_FRAMES || step->count <= LINE_VERTICES_MAX;
+    bool whole = !update->brief && (mode == SKD_WIRE_FRAMES || step->count <= LINE_VERTICES_MAX);
     struct skd_array_out arrays[] = {
         {"vertices", SKD_U32, step->count, 0, step->vertices},
         {"weights", SKD_F32, step->count, (size_t)step->slot_count,
@@ -80,24 +80,43 @@ static void send_to_mode(struct skd_daemon *daemon, struct skd_live *live, enum 
     }
 }
 
+static enum skd_status encode_or_log(enum skd_wire_mode mode, const struct skd_update *update,
+                                     struct skd_encoded *encoded)
+{
+    struct skd_error error;
+    enum skd_status status = skd_update_encode(mode, update, encoded, &error);
+    if (status != SKD_OK)
+        skd_log(SKD_LOG_ERROR, "session \"%s\": an update was not sent: %s", update->session,
+                error.text);
+    return status;
+}
+
+/* A listener may attach while a worker finishes the change, after it was asked whether anybody
+ * wants a line. */
+static void send_lines(struct skd_daemon *daemon, struct skd_live *live,
+                       const struct skd_update *update, uint64_t but, struct skd_encoded *line)
+{
+    struct skd_update brief = *update;
+    brief.brief = true;
+    if (line->head == NULL && (!skd_updates_want_line(daemon, live, but) ||
+                               encode_or_log(SKD_WIRE_LINES, &brief, line) != SKD_OK))
+        return;
+    struct skd_outgoing *outgoing = skd_outgoing_create(line, NULL, NULL);
+    if (outgoing == NULL)
+        return;
+    send_to_mode(daemon, live, SKD_WIRE_LINES, outgoing, but);
+    skd_outgoing_release(outgoing);
+}
+
 void skd_updates_send(struct skd_daemon *daemon, struct skd_live *live,
                       const struct skd_update *update, uint64_t but, struct skd_encoded *line)
 {
     struct skd_encoded frame;
-    struct skd_error error;
-    struct skd_outgoing *outgoing;
-    if (line->head != NULL && (outgoing = skd_outgoing_create(line, NULL, NULL)) != NULL) {
-        send_to_mode(daemon, live, SKD_WIRE_LINES, outgoing, but);
-        skd_outgoing_release(outgoing);
-    }
-    if (live->listeners == NULL)
+    send_lines(daemon, live, update, but, line);
+    if (live->listeners == NULL || encode_or_log(SKD_WIRE_FRAMES, update, &frame) != SKD_OK)
         return;
-    if (skd_update_encode(SKD_WIRE_FRAMES, update, &frame, &error) != SKD_OK) {
-        skd_log(SKD_LOG_ERROR, "session \"%s\": an update was not sent: %s", live->name,
-                error.text);
-        return;
-    }
-    outgoing = skd_outgoing_create(&frame, release_step, skd_step_hold(update->step));
+    struct skd_outgoing *outgoing =
+        skd_outgoing_create(&frame, release_step, skd_step_hold(update->step));
     if (outgoing == NULL)
         return;
     send_to_mode(daemon, live, SKD_WIRE_FRAMES, outgoing, but);

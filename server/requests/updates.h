@@ -15,7 +15,8 @@ struct skd_update {
     const char *cause;  /* "stroke", "undo", "redo" */
     const char *client; /* who asked */
     struct skd_step *step;
-    bool undo; /* the step's `before` is what holds now */
+    bool undo;  /* the step's `before` is what holds now */
+    bool brief; /* say `resync` and leave the arrays out */
 };
 
 /* A line names no more than 16,384 vertices: beyond that it says `resync` and leaves them out. */
@@ -29,7 +30,8 @@ bool skd_updates_want_line(const struct skd_daemon *daemon, const struct skd_liv
                            uint64_t but);
 
 /* Sends the change to every listener but one (0: to all). *line, where its head is not NULL, is the
- * update as a line; it is taken over. A listener with more than 64 MiB unread is dropped. */
+ * update as a line; it is taken over. Whoever came to speak lines too late for one is told to
+ * `resync`. A listener with more than 64 MiB unread is dropped. */
 void skd_updates_send(struct skd_daemon *daemon, struct skd_live *live,
                       const struct skd_update *update, uint64_t but, struct skd_encoded *line);
 

@@ -160,6 +160,10 @@ enum skd_status skd_session_check_vertices(const struct skd_session *session,
                                            struct skd_error *error)
 {
     size_t vertex_count = session->rig->mesh.vertex_count;
+    if (count > SKD_VERTICES_MAX)
+        return skd_fail(error, SKD_TOO_LARGE,
+                        "%zu vertices are named, and %zu is the limit; name each once", count,
+                        SKD_VERTICES_MAX);
     for (size_t i = 0; i < count; i++) {
         if (vertices[i] >= vertex_count)
             return skd_fail(error, SKD_BAD_INDEX,

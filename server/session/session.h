@@ -60,7 +60,8 @@ size_t skd_session_bytes(const struct skd_session *session);
 struct skd_pose *skd_session_find_pose(const struct skd_session *session, const char *name,
                                        struct skd_error *error);
 
-/* Checks a client's list of vertices against the rig: SKD_BAD_INDEX names the first bad one. */
+/* Checks a client's list of vertices against the rig: SKD_BAD_INDEX names the first bad one,
+ * SKD_TOO_LARGE says that there are more than any rig has. */
 SKD_MUST_CHECK enum skd_status skd_session_check_vertices(const struct skd_session *session,
                                                           const uint32_t *vertices, size_t count,
                                                           struct skd_error *error);

@@ -3,6 +3,7 @@
 
 #include "session/seams.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -82,6 +83,8 @@ static enum skd_status lock_vertices(struct skd_stroke *stroke, struct skd_error
         return skd_fail_memory(error, "the locked vertices");
     for (size_t i = 0; i < input->locked_vertex_count; i++) {
         uint32_t first = input->locked_vertices[i], vertex = first;
+        if (stroke->vertex_locked[first])
+            continue; /* and so is its ring, which may be long */
         do {
             stroke->vertex_locked[vertex] = 1;
             vertex = mesh->twins != NULL ? mesh->twins[vertex] : first;
@@ -174,12 +177,20 @@ void skd_stroke_solve(struct skd_stroke *stroke, size_t first, size_t count)
     skd_solve(&batch, &stroke->input.options);
 }
 
+/* Where numbers near the end of their range were posed or asked for, a distance overflows. It is
+ * told as the largest that there is, because JSON knows none beyond. */
+static double distance_of(float residual)
+{
+    return isfinite(residual) ? (double)residual : (double)FLT_MAX;
+}
+
 static struct skd_residual summarise(const float *residuals, size_t count)
 {
     struct skd_residual residual = {0, 0};
     for (size_t i = 0; i < count; i++) {
-        residual.mean += (double)residuals[i];
-        residual.max = fmax(residual.max, (double)residuals[i]);
+        double distance = distance_of(residuals[i]);
+        residual.mean += distance;
+        residual.max = fmax(residual.max, distance);
     }
     if (count > 0)
         residual.mean /= (double)count;
@@ -194,7 +205,7 @@ void skd_stroke_finish(struct skd_stroke *stroke)
     stroke->reach = REACH_PER_LENGTH * stroke->session->rig->length;
     stroke->unreached_count = 0;
     for (size_t i = 0; i < count; i++)
-        stroke->unreached_count += (double)stroke->residual_after[i] > stroke->reach;
+        stroke->unreached_count += distance_of(stroke->residual_after[i]) > stroke->reach;
 }
 
 void skd_stroke_dismiss(struct skd_stroke *stroke)
