@@ -92,8 +92,8 @@ static uint16_t shoulder_corner(struct cage *cage, double x, double y, double z,
 static void build_shoulder(struct cage *cage, struct shoulder *s)
 {
     uint16_t *m = s->middle, *t = s->top;
-    m[0] = shoulder_corner(cage, 0, 1.398, 0.092, 0);
-    m[1] = shoulder_corner(cage, 0.070, 1.398, 0.097, 0.1);
+    m[0] = shoulder_corner(cage, 0, 1.398, 0.098, 0);
+    m[1] = shoulder_corner(cage, 0.070, 1.398, 0.102, 0.1);
     m[2] = shoulder_corner(cage, 0.147, 1.384, 0.058, 0.9);
     m[6] = shoulder_corner(cage, 0.150, 1.390, -0.088, 0.9);
     m[7] = shoulder_corner(cage, 0.075, 1.405, -0.118, 0.1);
@@ -208,7 +208,7 @@ static const struct girth forearm_girths[] = {
 };
 static const struct girth palm_girths[] = {
     {0.022, 0.000, 0.001, 0.0185, 0.0330, 0.3},
-    {0.056, 0.001, 0.000, 0.0165, 0.0410, 0.4},
+    {0.060, 0.001, 0.000, 0.0165, 0.0410, 0.4},
 };
 
 /* The end of the palm: column by column, how far the web reaches. */
@@ -238,6 +238,10 @@ static void add_finger_ring(struct cage *cage, const struct finger_girth *girth,
     }
 }
 
+/* Where a finger's first ring stands on its first bone: just past the web, so that the gap between
+ * two fingers has a round ground. The thumb has none. */
+static const double past_web[FINGER_COUNT] = {0.0, 0.0235, 0.0235, 0.0235, 0.0165};
+
 /* From its base ring to its closed tip. radius is the middle joint's. */
 static void build_finger(struct cage *cage, const struct anatomy *a, int finger, double radius,
                          const uint16_t *base)
@@ -247,14 +251,16 @@ static void build_finger(struct cage *cage, const struct anatomy *a, int finger,
     const struct frame *last = &a->finger[finger][2];
     double tip = vec3_length(vec3_sub(a->tail[finger_bone(finger, 2)], last->origin));
     const struct finger_girth rows[] = {
-        {&a->finger[finger][1], 0.0, radius, radius, 0.0},
+        {&a->finger[finger][0], past_web[finger], 1.02 * radius, 0.97 * radius, 0.0},
+        {&a->finger[finger][1], finger == 0 ? 0.006 : 0.0, radius, radius, 0.0},
         {last, 0.0, 0.88 * radius, 0.94 * radius, 0.0},
         {last, 0.80 * tip, 0.58 * radius, 0.66 * radius, 0.16 * tip},
     };
+    const int row_count = sizeof rows / sizeof *rows;
     uint16_t ring[FINGER], below[FINGER];
     for (int k = 0; k < FINGER; ++k)
         below[k] = base[k];
-    for (int row = 0; row < 3; ++row) {
+    for (int row = finger == 0; row < row_count; ++row) {
         add_finger_ring(cage, &rows[row], column, finger, ring);
         skd_cage_bridge(cage, part, below, ring, 0, FINGER, FINGER);
         for (int k = 0; k < FINGER; ++k)
@@ -347,8 +353,7 @@ struct shank {
 
 static const struct shank shanks[] = {
     {0.0930, 0.750, -0.006, 0.080, 0.081, 0.085, 0.088, 30}, /* below the crotch */
-    {0.0990, 0.640, 0.002, 0.071, 0.073, 0.077, 0.076, 30},  /* thigh */
-    {0.1010, 0.555, 0.006, 0.055, 0.056, 0.061, 0.058, 30},  /* above the knee */
+    {0.0990, 0.620, 0.003, 0.067, 0.069, 0.074, 0.072, 30},  /* thigh */
     {0.1020, 0.495, 0.004, 0.049, 0.050, 0.055, 0.050, 30},  /* knee */
     {0.1030, 0.435, -0.004, 0.046, 0.049, 0.046, 0.052, 30}, /* below the knee */
     {0.1050, 0.345, -0.016, 0.050, 0.053, 0.041, 0.058, 30}, /* calf */
@@ -508,7 +513,7 @@ static const struct form forms[] = {
     {{0, 0.885, -0.110}, {0.022, 0.090, 0.12}, {0, 0, 0.014}},           /* and between */
     {{0.055, 1.462, 0.040}, {0.055, 0.010, 0.05}, {0, 0, 0.003}},        /* collar bones */
     /* legs */
-    {{0.102, 0.502, 0.055}, {0.034, 0.042, 0.06}, {0, 0, 0.0035}},    /* kneecaps */
+    {{0.102, 0.502, 0.055}, {0.034, 0.042, 0.06}, {0, 0, 0.0035}},   /* kneecaps */
     {{0.144, 0.086, -0.030}, {0.024, 0.026, 0.026}, {0.004, 0, 0}},  /* outer ankle */
     {{0.080, 0.094, -0.026}, {0.024, 0.026, 0.026}, {-0.004, 0, 0}}, /* inner ankle */
 };

@@ -113,7 +113,7 @@ static const struct pose_entry crouch_entries[] = {
     {BONE_FOOT, SIDE_CENTRE, {28, 0, 0}},        {BONE_JAW, SIDE_CENTRE, {10, 0, 0}},
 };
 static const struct pose crouch_pose = {
-    .hips = {0, -0.37, -0.18},
+    .hips = {0, -0.388, -0.18},
     .entries = crouch_entries,
     .entry_count = COUNT_OF(crouch_entries),
     .finger = {{25, 0, 0}, {72, 0, 0}, {74, 0, 0}, {74, 0, 0}, {72, 0, 0}},
@@ -182,12 +182,12 @@ enum { WALK_STEPS = 8 }; /* eighths of a cycle; a second in all */
 static const double walk_thigh[WALK_STEPS] = {26, 20, 8, -4, -12, 2, 22, 30};
 static const double walk_shin[WALK_STEPS] = {6, 18, 12, 8, 22, 56, 58, 22};
 static const double walk_foot[WALK_STEPS] = {0, -6, 4, 8, -10, -14, 0, 4};
-static const double walk_toe[WALK_STEPS] = {4, 0, 0, 6, 26, 8, 4, 6};
+static const double walk_toe[WALK_STEPS] = {4, 0, 0, 8, 40, 10, 4, 6};
 static const double walk_arm[WALK_STEPS] = {-22, -15, 0, 15, 22, 15, 0, -15};
 static const double walk_elbow[WALK_STEPS] = {8, 9, 12, 16, 20, 16, 12, 9};
 static const double walk_sway[WALK_STEPS] = {1.0, 0.7, 0, -0.7, -1.0, -0.7, 0, 0.7};
-static const double walk_height[WALK_STEPS] = {-0.032, -0.038, -0.018, -0.014,
-                                               -0.032, -0.038, -0.018, -0.014};
+static const double walk_height[WALK_STEPS] = {-0.0145, -0.0155, -0.0085, -0.0070,
+                                               -0.0145, -0.0155, -0.0085, -0.0070};
 
 static struct angles walk_angles(const struct skeleton_bone *bone, uint32_t step)
 {

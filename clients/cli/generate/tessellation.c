@@ -9,7 +9,7 @@
 
 struct chords {
     uint16_t parent[CAGE_MAX_EDGES]; /* a forest; the root names the chord */
-    double length[CAGE_MAX_EDGES];   /* of roots: the mean of their edges */
+    double length[CAGE_MAX_EDGES];   /* of roots: the root mean square of their edges */
     uint32_t edge_count[CAGE_MAX_EDGES];
     uint32_t cuts[CAGE_MAX_EDGES];
     uint8_t is_full[CAGE_MAX_EDGES];
@@ -30,7 +30,7 @@ static void join(struct chords *chords, uint32_t a, uint32_t b)
     chords->parent[one > two ? one : two] = (uint16_t)(one > two ? two : one);
 }
 
-static double edge_length(const struct surface *surface, uint32_t edge)
+static double edge_length_squared(const struct surface *surface, uint32_t edge)
 {
     static const uint8_t corner[4][2] = {{0, 0}, {0, 3}, {3, 3}, {3, 0}};
     uint32_t face = surface->edge[edge].face[0], side = surface->edge[edge].side[0];
@@ -57,13 +57,13 @@ static void find_chords(struct chords *chords, const struct surface *surface)
     }
     for (uint32_t e = 0; e < surface->edge_count; ++e) {
         uint32_t chord = chord_of(chords, e);
-        chords->length[chord] += edge_length(surface, e);
+        chords->length[chord] += edge_length_squared(surface, e);
         chords->edge_count[chord]++;
         chords->cuts[chord] = 1;
     }
     for (uint32_t e = 0; e < surface->edge_count; ++e)
         if (chords->edge_count[e] > 0)
-            chords->length[e] /= chords->edge_count[e];
+            chords->length[e] = sqrt(chords->length[e] / chords->edge_count[e]);
 }
 
 static void apply_cuts(struct tessellation *t, struct chords *chords)

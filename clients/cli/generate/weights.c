@@ -68,6 +68,15 @@ static void list_root(struct weight_list *list, const struct skeleton *skeleton,
     list->root = (uint8_t)skeleton->last[kind][side];
 }
 
+/* The blend at the wrist reaches the thumb's root. */
+static void list_up_to_hand(struct weight_list *list, const struct skeleton *skeleton,
+                            enum skeleton_side side)
+{
+    list_root(list, skeleton, BONE_UPPER_ARM, side);
+    list_chain(list, skeleton, BONE_FOREARM, side);
+    list_chain(list, skeleton, BONE_HAND, side);
+}
+
 static void make_lists(struct weight_model *model, enum skeleton_side side)
 {
     const struct skeleton *skeleton = model->skeleton;
@@ -89,14 +98,14 @@ static void make_lists(struct weight_model *model, enum skeleton_side side)
         list_chain(arm, skeleton, kind, side);
 
     struct weight_list *hand = &model->list[PART_HAND][is_right];
-    list_root(hand, skeleton, BONE_FOREARM, side);
-    list_chain(hand, skeleton, BONE_HAND, side);
+    list_up_to_hand(hand, skeleton, side);
     for (int finger = 0; finger < FINGER_COUNT; ++finger)
         list_chain(hand, skeleton, finger_bone(finger, 0), side);
+    list_chain(hand, skeleton, finger_bone(0, 1), side); /* the thumb's web */
 
     for (int finger = 0; finger < FINGER_COUNT; ++finger) {
         struct weight_list *list = &model->list[PART_FINGER_FIRST + finger][is_right];
-        list_root(list, skeleton, BONE_HAND, side);
+        list_up_to_hand(list, skeleton, side);
         for (int phalanx = 0; phalanx < PHALANX_COUNT; ++phalanx)
             list_chain(list, skeleton, finger_bone(finger, phalanx), side);
         for (int next = 1; finger > 0 && next < FINGER_COUNT; ++next)
@@ -140,7 +149,7 @@ static double finger_share(const struct weight_point *point, int finger)
         off = 0.0;
     double across = smooth_step((0.75 - fabs(off)) / 0.5);
     double own = point->part == (enum cage_part)(PART_FINGER_FIRST + finger);
-    double past_web = smooth_step(3.0 * point->value[VALUE_FINGER] - 0.5);
+    double past_web = smooth_step(4.0 * point->value[VALUE_FINGER] - 1.35);
     return across + (own - across) * past_web;
 }
 
@@ -150,7 +159,7 @@ static double thigh_share(const struct weight_point *point, enum skeleton_side s
     double x = side == SIDE_RIGHT ? -point->position.x : point->position.x;
     double across = smooth_step((x + 0.030) / 0.075);
     double own = side == point->side;
-    return across + (own - across) * smooth_step(1.6 * point->value[VALUE_LEG] - 0.2);
+    return across + (own - across) * smooth_step(2.4 * point->value[VALUE_LEG] - 1.0);
 }
 
 /* What holds a bone's reach back besides its plane: 1 nothing, 0 all. */
@@ -165,7 +174,7 @@ static double share(const struct skeleton_bone *bone, const struct weight_point 
     case BONE_JAW:
         return smooth_step((point->position.z - 0.030) / 0.045);
     case BONE_CLAVICLE:
-        return smooth_step(1.25 * value[VALUE_ARM] - 0.05);
+        return smooth_step(1.7 * value[VALUE_ARM] - 0.15);
     case BONE_UPPER_ARM:
         return smooth_step(1.4 * value[VALUE_ARM] - 0.4);
     case BONE_THIGH:
@@ -178,7 +187,7 @@ static double share(const struct skeleton_bone *bone, const struct weight_point 
     int finger = ((int)bone->kind - BONE_FINGER_FIRST) / PHALANX_COUNT;
     if (((int)bone->kind - BONE_FINGER_FIRST) % PHALANX_COUNT > 0)
         return 1.0;
-    return finger == 0 ? smooth_step(1.3 * value[VALUE_THUMB] - 0.1) : finger_share(point, finger);
+    return finger == 0 ? smooth_step(1.4 * value[VALUE_THUMB] - 0.2) : finger_share(point, finger);
 }
 
 /* The share of the point past the bone's plane. The clavicle and the thumb's first bone lie inside
@@ -191,6 +200,14 @@ static double past_plane(const struct weight_cut *cut, const struct skeleton_bon
         return 1.0;
     double distance = vec3_dot(vec3_sub(point->position, cut->origin), cut->normal);
     return smooth_step(0.5 + 0.5 * distance / cut->half_band);
+}
+
+/* The arm hangs on the whole of the chest, however many bones that has: the clavicle takes from all
+ * of them alike. */
+static void take_from_all(const uint8_t *bones, int count, double *own, double taken)
+{
+    for (int i = 0; i < count; ++i)
+        own[bones[i]] *= 1.0 - taken;
 }
 
 /* Keeps the four largest of weight[bones]; ties go to the earlier bone. */
@@ -250,13 +267,16 @@ void skd_weights_at(const struct weight_model *model, enum cage_part part, int i
     for (int i = 0; i < list->count; ++i) {
         uint8_t index = list->bone[i];
         const struct skeleton_bone *bone = &model->skeleton->bone[index];
-        if (reach[bone->parent] == 0.0)
-            continue;
-        double past = past_plane(&model->cut[index], bone, &point);
+        const int is_arm_root = bone->kind == BONE_CLAVICLE;
+        double room = is_arm_root ? 1.0 : reach[bone->parent];
+        double past = room == 0.0 ? 0.0 : past_plane(&model->cut[index], bone, &point);
         if (past == 0.0)
             continue;
-        reach[index] = own[index] = reach[bone->parent] * past * share(bone, &point);
-        own[bone->parent] -= reach[index];
+        reach[index] = own[index] = room * past * share(bone, &point);
+        if (is_arm_root)
+            take_from_all(reached, reached_count, own, reach[index]);
+        else
+            own[bone->parent] -= reach[index];
         reached[reached_count++] = index;
     }
     uint8_t chosen[INFLUENCE_COUNT] = {0};

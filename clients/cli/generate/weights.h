@@ -5,8 +5,9 @@
  * Every bone has a reach: the share of a point that moves with the bone or with what hangs on it.
  * reach(bone) = reach(parent) * smooth_step(signed distance past the bone's cutting plane), held
  * back by the marks of the surface where limbs meet. The bone's weight is its reach less its
- * children's. So weights sum to one and are smooth, and only bones of the point's part (and of the
- * neighbours it blends with) are looked at, so that fingers and legs do not touch each other.
+ * children's; the arm's reach is taken from all of the trunk's bones alike. So weights sum to one
+ * and are smooth, and only bones of the point's part (and of the neighbours it blends with) are
+ * looked at, so that fingers and legs do not touch each other.
  */
 #ifndef SKD_GENERATE_WEIGHTS_H
 #define SKD_GENERATE_WEIGHTS_H

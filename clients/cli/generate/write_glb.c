@@ -399,7 +399,8 @@ static enum skd_status save(const struct glb *glb, const char *json, uint32_t bi
     }
     enum skd_status status = SKD_OK;
     if (has_failed) {
-        status = skd_fail(error, SKD_FILE_IO, "cannot write %s: %s", path,
+        status = skd_fail(error, SKD_FILE_IO,
+                          "cannot write %s: %s; choose a folder that is there and has room", path,
                           errno != 0 ? strerror(errno) : "the disk took only part of it");
         if (file != NULL)
             unlink(beside);
