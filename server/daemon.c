@@ -9,6 +9,7 @@
 
 #include <signal.h>
 #include <stdlib.h>
+#include <sys/resource.h>
 #include <utlist.h>
 
 enum { IDLE_CHECK_MS = 500 };
@@ -168,6 +169,16 @@ static void close_sessions(struct skd_daemon *daemon)
     skd_session_close(daemon, live, "skind is stopping");
 }
 
+/* SKD_CONNECTIONS_MAX connections and the files of the rigs are more than the usual 1024. */
+static void allow_descriptors(void)
+{
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_NOFILE, &limit) != 0)
+        return;
+    limit.rlim_cur = limit.rlim_max;
+    (void)setrlimit(RLIMIT_NOFILE, &limit);
+}
+
 enum skd_status skd_daemon_run(struct skd_daemon *daemon, const struct skd_daemon_options *options,
                                struct skd_error *error)
 {
@@ -183,6 +194,7 @@ enum skd_status skd_daemon_run(struct skd_daemon *daemon, const struct skd_daemo
     (void)snprintf(workers, sizeof workers, "%d", daemon->options.worker_count);
     setenv("UV_THREADPOOL_SIZE", workers, 1);
     signal(SIGPIPE, SIG_IGN);
+    allow_descriptors();
     uv_loop_init(&daemon->loop);
     status = skd_listener_open(&daemon->listener, &daemon->loop, path, on_client, error);
     if (status == SKD_OK) {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import stat
 import subprocess
@@ -136,7 +137,13 @@ def test_help_teaches_by_example() -> None:
     assert "Examples" in done.stdout and "--idle-exit" in done.stdout
 
 
-def test_three_hundred_connections_at_once(daemon) -> None:
+def test_three_hundred_connections_at_once(start) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (128, hard))  # a login's may be low
+    try:
+        daemon = start()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     links = []
     try:
         for _ in range(300):
