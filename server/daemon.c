@@ -34,7 +34,8 @@ static void on_closed(void *user, struct skd_connection *connection)
 {
     struct skd_daemon *daemon = user;
     struct skd_live *live, *next;
-    HASH_DEL(daemon->connections, connection);
+    if (skd_hash_added(connection))
+        HASH_DEL(daemon->connections, connection);
     HASH_ITER(hh, daemon->sessions, live, next)
     skd_live_detach(live, connection->id);
     skd_log(SKD_LOG_DEBUG, "connection %llu is gone", (unsigned long long)connection->id);
@@ -53,6 +54,10 @@ static void on_client(uv_stream_t *stream, int status)
     if (connection == NULL)
         return;
     HASH_ADD(hh, daemon->connections, id, sizeof connection->id, connection);
+    if (!skd_hash_added(connection)) {
+        skd_connection_close(connection);
+        return;
+    }
     if (HASH_COUNT(daemon->connections) > SKD_CONNECTIONS_MAX) {
         struct skd_error error;
         const struct skd_request_id none = {.kind = SKD_ID_NONE};

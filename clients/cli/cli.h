@@ -63,6 +63,7 @@ struct skd_command {
 
 extern const struct skd_command skd_command_start, skd_command_stop, skd_command_status;
 extern const struct skd_command skd_command_load, skd_command_list, skd_command_info;
+extern const struct skd_command skd_command_close;
 extern const struct skd_command skd_command_undo, skd_command_redo, skd_command_export;
 extern const struct skd_command skd_command_pose, skd_command_weights, skd_command_stroke;
 extern const struct skd_command skd_command_replay, skd_command_script, skd_command_generate;

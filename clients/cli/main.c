@@ -12,11 +12,11 @@
 #include <unistd.h>
 
 static const struct skd_command *const commands[] = {
-    &skd_command_start,  &skd_command_stop,   &skd_command_status,   &skd_command_load,
-    &skd_command_list,   &skd_command_info,   &skd_command_export,   &skd_command_pose,
-    &skd_command_stroke, &skd_command_undo,   &skd_command_redo,     &skd_command_weights,
-    &skd_command_script, &skd_command_replay, &skd_command_generate, &skd_command_watch,
-    &skd_command_call,
+    &skd_command_start,   &skd_command_stop,   &skd_command_status, &skd_command_load,
+    &skd_command_list,    &skd_command_info,   &skd_command_export, &skd_command_close,
+    &skd_command_pose,    &skd_command_stroke, &skd_command_undo,   &skd_command_redo,
+    &skd_command_weights, &skd_command_script, &skd_command_replay, &skd_command_generate,
+    &skd_command_watch,   &skd_command_call,
 };
 enum { COMMAND_COUNT = sizeof commands / sizeof *commands };
 
@@ -150,6 +150,10 @@ static int run(int argc, const char **argv, struct skd_error *error)
     int count = 0;
     while (rest != NULL && rest[count] != NULL)
         count++;
+    if (count > 0 && strcmp(rest[0], "help") == 0) {
+        want_help = 1;
+        rest++, count--;
+    }
     const struct skd_command *command = count > 0 ? find_command(rest[0]) : NULL;
     if (result != SKD_EXIT_OK)
         ; /* said already */

@@ -1,4 +1,4 @@
-/* skinctl load, info, export, undo, redo.
+/* skinctl load, info, export, close, undo, redo.
  *
  * Thread: one.
  */
@@ -18,6 +18,7 @@ static struct {
     char *fill;
     char *reduce;
     char *output;
+    int discard;
 } options;
 
 static const char *const reduce_words[] = {"refuse", "largest", NULL};
@@ -345,4 +346,61 @@ const struct skd_command skd_command_export = {
     .examples = "  skinctl export                     # knight.glb becomes ./knight-skind.glb\n"
                 "  skinctl export -o out/knight.glb\n",
     .run = run_export,
+};
+
+static const struct poptOption close_options[] = {
+    SKD_OPTION_SESSION,
+    {"discard", 'd', POPT_ARG_NONE, &options.discard, 0,
+     "close it although its last changes were not exported", NULL},
+    POPT_TABLEEND,
+};
+
+/* Nobody's work is thrown away by a slip: what was not exported takes --discard. */
+static enum skd_status close_session(struct skd_link *link, const char *session,
+                                     struct skd_error *error)
+{
+    struct skd_message info = {0}, answer = {0};
+    enum skd_status status =
+        skd_link_call(link, "session.info", skd_session_body(session), NULL, 0, &info, error);
+    if (status == SKD_OK && !options.discard &&
+        skd_json_number(info.result, "revision") != skd_json_number(info.result, "exported"))
+        status = skd_fail(error, SKD_BUSY,
+                          "the last changes of session %s were not exported; use skinctl export, "
+                          "or close it with --discard",
+                          session);
+    if (status == SKD_OK)
+        status = skd_link_call(link, "session.close", skd_session_body(session), NULL, 0, &answer,
+                               error);
+    skd_message_finish(&info);
+    skd_message_finish(&answer);
+    return status;
+}
+
+static int run_close(const char *const *arguments, int count, struct skd_error *error)
+{
+    struct skd_link link;
+    char session[SKD_SESSION_NAME_BYTES_MAX + 1];
+    (void)arguments;
+    (void)count;
+    int result = skd_cli_open(&link, session, error);
+    if (result != SKD_EXIT_OK)
+        return result;
+    enum skd_status status = close_session(&link, session, error);
+    if (status == SKD_OK && skd_cli.json)
+        puts("{}");
+    else if (status == SKD_OK)
+        printf("closed session %s\n", session);
+    skd_link_close(&link);
+    return skd_cli_exit(status);
+}
+
+const struct skd_command skd_command_close = {
+    .group = SKD_GROUP_SESSION,
+    .name = "close",
+    .arguments = "",
+    .summary = "close a rig session, once its changes are exported",
+    .options = close_options,
+    .examples = "  skinctl close\n"
+                "  skinctl close --session knight-2 --discard\n",
+    .run = run_close,
 };

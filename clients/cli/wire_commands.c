@@ -7,6 +7,7 @@
 #include "clients/cli/print.h"
 #include "clients/cli/values.h"
 
+#include <limits.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -15,7 +16,7 @@
 static struct {
     int no_arrays;
     int count;
-} options;
+} options = {.count = INT_MAX};
 
 static const struct poptOption watch_options[] = {
     SKD_OPTION_SESSION,
@@ -62,7 +63,7 @@ static enum skd_status print_updates(struct skd_link *link, const char *session,
     int printed = 0;
     bool closed = false;
     enum skd_status status = SKD_OK;
-    while (status == SKD_OK && !closed && (options.count == 0 || printed < options.count)) {
+    while (status == SKD_OK && !closed && printed < options.count) {
         struct skd_message message;
         status = skd_link_next(link, &message, error);
         const char *method = status == SKD_OK && message.method != NULL ? message.method : "";
@@ -88,7 +89,7 @@ static int run_watch(const char *const *arguments, int count, struct skd_error *
     char session[SKD_SESSION_NAME_BYTES_MAX + 1];
     (void)arguments;
     (void)count;
-    if (options.count < 0)
+    if (options.count < 1)
         return skd_cli_usage(error, "--count takes a number from 1 on");
     int result = skd_cli_open(&link, session, error);
     if (result != SKD_EXIT_OK)

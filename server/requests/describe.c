@@ -117,6 +117,7 @@ cJSON *skd_describe_wholly(const struct skd_live *live)
     cJSON_AddItemToArray(poses, cJSON_CreateString(pose->name));
     add_parts(object, &session->rig->mesh);
     add_notes(object, session->rig);
+    cJSON_AddNumberToObject(object, "exported", (double)session->exported);
     cJSON_AddNumberToObject(object, "undo_steps", (double)session->history.position);
     cJSON_AddNumberToObject(object, "redo_steps",
                             (double)(session->history.count - session->history.position));

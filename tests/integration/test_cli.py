@@ -473,7 +473,7 @@ def test_export_and_load_again(body: Cli) -> None:
     assert (body.folder / "body-skind.glb").stat().st_size == exported["bytes"]
     assert "wrote" in body.run("export", "-o", "again.glb").stdout
     assert (body.folder / "again.glb").read_bytes() == (body.folder / "body-skind.glb").read_bytes()
-    body.run("call", "session.close", '{"session": "body"}')
+    assert body.run("close").stdout == "closed session body\n"
     body.run("load", "again.glb")
     body.run("pose", "bent", "--clip", "bend", "--time", "1.5")
     assert np.abs(body.positions("bent") - posed).max() < 1e-6
@@ -736,3 +736,17 @@ def test_tools_at_the_same_time(body: Cli) -> None:
                                                     0.1, "--move", f"0,0,{0.001 * i}"),
                                 range(1, count + 1)))
     assert sorted(stroke["revision"] for stroke in strokes) == list(range(1, count + 1))
+
+
+def test_close_throws_no_work_away(body: Cli) -> None:
+    body.run("stroke", "bent", "--bone", "thigh.L", "--radius", 0.2, "--move", "0,0.02,0")
+    assert "--discard" in body.run("close", status=1).stderr
+    assert body.json("list")["sessions"][0]["session"] == "body"
+    assert body.json("close", "--discard") == {}
+    assert body.json("list") == {"sessions": []}
+
+
+def test_help_is_a_command_too(cli: Cli) -> None:
+    assert cli.run("help").stdout == cli.run("--help").stdout
+    assert cli.run("help", "stroke").stdout == cli.run("stroke", "--help").stdout
+    assert "no command" in cli.run("help", "nonsense", status=2).stderr
