@@ -2,17 +2,31 @@
 #include "daemon.h"
 
 #include "base/log.h"
+#include "net/listener.h"
 #include "requests/call.h"
 #include "requests/close.h"
 #include "requests/handlers.h"
 #include "requests/live.h"
 
 #include <signal.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <sys/resource.h>
 #include <utlist.h>
 
 enum { IDLE_CHECK_MS = 500 };
+
+/* What the handlers work on, and what only this file knows of. */
+struct server {
+    struct skd_daemon daemon; /* first: a pointer to it is one to the server */
+    uv_loop_t loop;
+    struct skd_listener listener;
+    uv_signal_t signals[2];
+    uv_timer_t timer; /* looks for idleness; later waits for the last call */
+    unsigned idle_exit_s;
+    uint64_t idle_since_ns;
+    uint64_t next_connection_id;
+};
 
 static void on_frame(void *user, struct skd_connection *connection, struct skd_frame *frame)
 {
@@ -43,14 +57,15 @@ static void on_closed(void *user, struct skd_connection *connection)
 
 static void on_client(uv_stream_t *stream, int status)
 {
-    struct skd_daemon *daemon = stream->data;
+    struct server *server = stream->data;
+    struct skd_daemon *daemon = &server->daemon;
     const struct skd_connection_events events = {daemon, on_frame, on_broken, on_closed};
     if (status < 0) {
         skd_log(SKD_LOG_WARNING, "a client could not be accepted: %s", uv_strerror(status));
         return;
     }
     struct skd_connection *connection =
-        skd_connection_accept(stream, ++daemon->next_connection_id, &events);
+        skd_connection_accept(stream, ++server->next_connection_id, &events);
     if (connection == NULL)
         return;
     HASH_ADD(hh, daemon->connections, id, sizeof connection->id, connection);
@@ -68,36 +83,6 @@ static void on_client(uv_stream_t *stream, int status)
         return;
     }
     skd_connection_start(connection);
-}
-
-static void on_signal(uv_signal_t *signal, int number)
-{
-    skd_daemon_stop(signal->data, number == SIGINT ? "interrupted" : "told to stop by a signal");
-}
-
-/* Idle: nobody connected, nothing under way, and no session holds weights that were never
- * exported. */
-static bool is_idle(const struct skd_daemon *daemon)
-{
-    const struct skd_live *live, *next;
-    if (daemon->connections != NULL || daemon->calls != NULL)
-        return false;
-    HASH_ITER(hh, daemon->sessions, live, next)
-    {
-        if (live->session == NULL || live->session->revision != live->session->exported)
-            return false;
-    }
-    return true;
-}
-
-static void on_idle_check(uv_timer_t *timer)
-{
-    struct skd_daemon *daemon = timer->data;
-    uint64_t now = uv_hrtime();
-    if (!is_idle(daemon))
-        daemon->idle_since_ns = now;
-    else if (now - daemon->idle_since_ns >= (uint64_t)daemon->options.idle_exit_s * 1000000000)
-        skd_daemon_stop(daemon, "idle for as long as it was told");
 }
 
 static void say_bye(struct skd_connection *connection, const char *reason)
@@ -132,7 +117,7 @@ static struct skd_call *next_to_cancel(const struct skd_daemon *daemon)
 /* Once the last call has ended its answer is queued, and the connections can go. */
 static void on_stopping(uv_timer_t *timer)
 {
-    struct skd_daemon *daemon = timer->data;
+    struct skd_daemon *daemon = &((struct server *)timer->data)->daemon;
     struct skd_connection *connection, *next;
     if (daemon->calls != NULL)
         return;
@@ -141,30 +126,61 @@ static void on_stopping(uv_timer_t *timer)
     uv_close((uv_handle_t *)timer, NULL);
 }
 
-void skd_daemon_stop(struct skd_daemon *daemon, const char *reason)
+static void stop(struct skd_daemon *daemon, const char *reason)
 {
+    struct server *server = (struct server *)daemon;
     struct skd_call *call;
     if (daemon->stopping)
         return;
     daemon->stopping = true;
     skd_log(SKD_LOG_INFO, "stopping: %s", reason);
-    skd_listener_close(&daemon->listener);
-    uv_close((uv_handle_t *)&daemon->signals[0], NULL);
-    uv_close((uv_handle_t *)&daemon->signals[1], NULL);
+    skd_listener_close(&server->listener);
+    uv_close((uv_handle_t *)&server->signals[0], NULL);
+    uv_close((uv_handle_t *)&server->signals[1], NULL);
     /* Told once is enough: a second signal must not cut off what is being finished. */
     signal(SIGTERM, SIG_IGN);
     signal(SIGINT, SIG_IGN);
     while ((call = next_to_cancel(daemon)) != NULL)
         skd_call_cancel(call, SKD_SHUTTING_DOWN);
     /* Workers may still have calls: look every few milliseconds until they are back. */
-    uv_timer_start(&daemon->idle_timer, on_stopping, 0, 5);
+    uv_timer_start(&server->timer, on_stopping, 0, 5);
 }
 
-static void watch_signal(struct skd_daemon *daemon, uv_signal_t *signal, int number)
+static void on_signal(uv_signal_t *signal, int number)
 {
-    uv_signal_init(&daemon->loop, signal);
-    signal->data = daemon;
+    stop(signal->data, number == SIGINT ? "interrupted" : "told to stop by a signal");
+}
+
+static void watch_signal(struct server *server, uv_signal_t *signal, int number)
+{
+    uv_signal_init(&server->loop, signal);
+    signal->data = &server->daemon;
     uv_signal_start(signal, on_signal, number);
+}
+
+/* Idle: nobody connected, nothing under way, and no session holds weights that were never
+ * exported. */
+static bool is_idle(const struct skd_daemon *daemon)
+{
+    const struct skd_live *live, *next;
+    if (daemon->connections != NULL || daemon->calls != NULL)
+        return false;
+    HASH_ITER(hh, daemon->sessions, live, next)
+    {
+        if (live->session == NULL || live->session->revision != live->session->exported)
+            return false;
+    }
+    return true;
+}
+
+static void on_idle_check(uv_timer_t *timer)
+{
+    struct server *server = timer->data;
+    uint64_t now = uv_hrtime();
+    if (!is_idle(&server->daemon))
+        server->idle_since_ns = now;
+    else if (now - server->idle_since_ns >= (uint64_t)server->idle_exit_s * 1000000000)
+        stop(&server->daemon, "idle for as long as it was told");
 }
 
 static void close_sessions(struct skd_daemon *daemon)
@@ -184,40 +200,55 @@ static void allow_descriptors(void)
     (void)setrlimit(RLIMIT_NOFILE, &limit);
 }
 
-enum skd_status skd_daemon_run(struct skd_daemon *daemon, const struct skd_daemon_options *options,
-                               struct skd_error *error)
+/* The state as it is before the first client; libuv's pool is the worker pool and reads its size
+ * from the environment when it first starts. */
+static void set_up(struct server *server, const struct skd_daemon_options *options)
 {
-    char path[SKD_SOCKET_PATH_BYTES], workers[16];
-    enum skd_status status = skd_socket_path(options->socket_path, path, error);
-    if (status != SKD_OK)
-        return status;
-    *daemon = (struct skd_daemon){.options = *options};
-    daemon->started_ns = daemon->idle_since_ns = uv_hrtime();
-    if (daemon->options.worker_count == 0)
-        daemon->options.worker_count = (int)uv_available_parallelism();
-    /* libuv's pool is the worker pool; it reads its size from here when it first starts. */
-    (void)snprintf(workers, sizeof workers, "%d", daemon->options.worker_count);
+    struct skd_daemon *daemon = &server->daemon;
+    char workers[16];
+    *server = (struct server){.idle_exit_s = options->idle_exit_s};
+    daemon->loop = &server->loop;
+    daemon->stop = stop;
+    daemon->started_ns = server->idle_since_ns = uv_hrtime();
+    daemon->worker_count =
+        options->worker_count > 0 ? options->worker_count : (int)uv_available_parallelism();
+    (void)snprintf(workers, sizeof workers, "%d", daemon->worker_count);
     setenv("UV_THREADPOOL_SIZE", workers, 1);
     signal(SIGPIPE, SIG_IGN);
     allow_descriptors();
-    uv_loop_init(&daemon->loop);
-    status = skd_listener_open(&daemon->listener, &daemon->loop, path, on_client, error);
-    if (status == SKD_OK) {
-        daemon->listener.pipe.data = daemon;
-        watch_signal(daemon, &daemon->signals[0], SIGTERM);
-        watch_signal(daemon, &daemon->signals[1], SIGINT);
-        uv_timer_init(&daemon->loop, &daemon->idle_timer);
-        daemon->idle_timer.data = daemon;
-        if (options->idle_exit_s > 0)
-            uv_timer_start(&daemon->idle_timer, on_idle_check, IDLE_CHECK_MS, IDLE_CHECK_MS);
-        skd_log(SKD_LOG_INFO, "listening on %s with %d workers", path,
-                daemon->options.worker_count);
-        uv_run(&daemon->loop, UV_RUN_DEFAULT);
-        close_sessions(daemon);
-        skd_log(SKD_LOG_INFO, "stopped");
-    }
-    uv_run(&daemon->loop, UV_RUN_DEFAULT);
-    int left = uv_loop_close(&daemon->loop);
+    uv_loop_init(&server->loop);
+}
+
+/* From the first client to the last. */
+static void serve(struct server *server)
+{
+    server->listener.pipe.data = server;
+    watch_signal(server, &server->signals[0], SIGTERM);
+    watch_signal(server, &server->signals[1], SIGINT);
+    uv_timer_init(&server->loop, &server->timer);
+    server->timer.data = server;
+    if (server->idle_exit_s > 0)
+        uv_timer_start(&server->timer, on_idle_check, IDLE_CHECK_MS, IDLE_CHECK_MS);
+    skd_log(SKD_LOG_INFO, "listening on %s with %d workers", server->listener.path,
+            server->daemon.worker_count);
+    uv_run(&server->loop, UV_RUN_DEFAULT);
+    close_sessions(&server->daemon);
+    skd_log(SKD_LOG_INFO, "stopped");
+}
+
+enum skd_status skd_daemon_run(const struct skd_daemon_options *options, struct skd_error *error)
+{
+    static struct server server;
+    char path[SKD_SOCKET_PATH_BYTES];
+    enum skd_status status = skd_socket_path(options->socket_path, path, error);
+    if (status != SKD_OK)
+        return status;
+    set_up(&server, options);
+    status = skd_listener_open(&server.listener, &server.loop, path, on_client, error);
+    if (status == SKD_OK)
+        serve(&server);
+    uv_run(&server.loop, UV_RUN_DEFAULT); /* the last close callbacks */
+    int left = uv_loop_close(&server.loop);
     SKD_ASSERT(left == 0);
     uv_library_shutdown();
     return status;

@@ -75,13 +75,12 @@ static int read_options(int argc, const char **argv, struct skd_daemon_options *
 
 int main(int argc, const char **argv)
 {
-    static struct skd_daemon daemon;
     struct skd_daemon_options options;
     struct skd_error error;
     int result = read_options(argc, argv, &options);
     if (result >= 0)
         return result;
-    enum skd_status status = skd_daemon_run(&daemon, &options, &error);
+    enum skd_status status = skd_daemon_run(&options, &error);
     free((char *)options.socket_path);
     if (status == SKD_OK)
         return 0;

@@ -137,7 +137,7 @@ void skd_call_work(struct skd_call *call,
 {
     call->run = run;
     call->done = done != NULL ? done : skd_call_finish;
-    int result = uv_queue_work(&call->daemon->loop, &call->work, work_in_worker, work_done);
+    int result = uv_queue_work(call->daemon->loop, &call->work, work_in_worker, work_done);
     SKD_ASSERT(result == 0);
 }
 

@@ -14,7 +14,7 @@
 #ifndef SKD_REQUESTS_CALL_H
 #define SKD_REQUESTS_CALL_H
 
-#include "daemon.h"
+#include "requests/state.h"
 
 #include <stdatomic.h>
 

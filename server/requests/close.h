@@ -5,7 +5,7 @@
 #ifndef SKD_REQUESTS_CLOSE_H
 #define SKD_REQUESTS_CLOSE_H
 
-#include "daemon.h"
+#include "requests/state.h"
 
 /* Tells the session's listeners why, cancels the calls on it and takes it out of the table. Its
  * memory goes when the call that has the turn has ended. */

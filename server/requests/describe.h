@@ -3,7 +3,7 @@
 #ifndef SKD_REQUESTS_DESCRIBE_H
 #define SKD_REQUESTS_DESCRIBE_H
 
-#include "daemon.h"
+#include "requests/state.h"
 
 /* A row of session.list; all of session.info. Owned by the caller; NULL: no memory. */
 cJSON *skd_describe_briefly(const struct skd_live *live);

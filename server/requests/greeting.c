@@ -108,7 +108,7 @@ void skd_handle_stats(struct skd_call *call)
     cJSON_AddNumberToObject(result, "uptime_s", (double)(uv_hrtime() - daemon->started_ns) * 1e-9);
     cJSON_AddNumberToObject(result, "connections", HASH_COUNT(daemon->connections));
     cJSON_AddNumberToObject(result, "sessions", HASH_COUNT(daemon->sessions));
-    cJSON_AddNumberToObject(result, "workers", daemon->options.worker_count);
+    cJSON_AddNumberToObject(result, "workers", daemon->worker_count);
     cJSON_AddNumberToObject(result, "bytes", bytes);
     cJSON *requests = cJSON_AddObjectToObject(result, "requests");
     for (int method = 0; method < SKD_REQUEST_METHOD_COUNT; method++) {
@@ -128,5 +128,5 @@ void skd_handle_shutdown(struct skd_call *call)
     skd_log(SKD_LOG_INFO, "%s asks for a shutdown",
             call->client[0] != '\0' ? call->client : "a client");
     skd_call_answer(call, cJSON_CreateObject());
-    skd_daemon_stop(daemon, "a client asked for a shutdown");
+    daemon->stop(daemon, "a client asked for a shutdown");
 }

@@ -6,7 +6,7 @@
 #ifndef SKD_REQUESTS_LIVE_H
 #define SKD_REQUESTS_LIVE_H
 
-#include "daemon.h"
+#include "requests/state.h"
 
 /* Reserves a name for a session that is about to be loaded. Errors: SKD_NAME_TAKEN, SKD_TOO_LARGE
  * (SKD_SESSIONS_MAX), SKD_NO_MEMORY. */

@@ -115,7 +115,7 @@ static bool parse_later(struct skd_daemon *daemon, struct skd_connection *connec
     parsing->connection_id = connection->id;
     parsing->frame = *frame;
     skd_connection_hold(connection, SKD_HOLD_PARSING);
-    int result = uv_queue_work(&daemon->loop, &parsing->work, parse_in_worker, parse_done);
+    int result = uv_queue_work(daemon->loop, &parsing->work, parse_in_worker, parse_done);
     SKD_ASSERT(result == 0);
     return true;
 }

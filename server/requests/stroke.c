@@ -206,7 +206,7 @@ static bool submit_chunk(struct job *job)
     chunk->count = left < CHUNK_VERTICES ? left : CHUNK_VERTICES;
     job->next += chunk->count;
     job->in_flight++;
-    int result = uv_queue_work(&job->call->daemon->loop, &chunk->work, solve_chunk, chunk_done);
+    int result = uv_queue_work(job->call->daemon->loop, &chunk->work, solve_chunk, chunk_done);
     SKD_ASSERT(result == 0);
     return true;
 }
@@ -214,7 +214,7 @@ static bool submit_chunk(struct job *job)
 /* Keeps a few chunks with the workers; when the last one is back, goes on to the commit. */
 static void submit_chunks(struct job *job)
 {
-    int most = 2 * job->call->daemon->options.worker_count;
+    int most = 2 * job->call->daemon->worker_count;
     bool stop = atomic_load(&job->call->cancelled);
     while (!stop && job->in_flight < most && job->next < job->stroke.step->count) {
         if (submit_chunk(job))

@@ -6,7 +6,7 @@
 #ifndef SKD_REQUESTS_UPDATES_H
 #define SKD_REQUESTS_UPDATES_H
 
-#include "daemon.h"
+#include "requests/state.h"
 
 /* One committed change. The step is borrowed. */
 struct skd_update {

@@ -15,7 +15,7 @@ MAY_INCLUDE = {
     "protocol": {"base", "protocol"},
     "server/session": {"base", "solver", "rig", "session", "protocol/limits.h"},
     "server/net": {"base", "protocol", "net"},
-    "server/requests": {"base", "solver", "rig", "session", "net", "protocol", "requests", "daemon.h"},
+    "server/requests": {"base", "solver", "rig", "session", "net", "protocol", "requests"},
     "clients/cli": {"base", "protocol", "cli", "generate"},
 }
 ROOMS = {"base", "solver", "rig", "session", "net", "protocol", "requests", "daemon.h"}
