@@ -7,11 +7,14 @@
 #include "clients/cli/print.h"
 #include "clients/cli/values.h"
 
+#include <errno.h>
 #include <limits.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/socket.h>
+#include <sys/signalfd.h>
+#include <unistd.h>
 
 static struct {
     int no_arrays;
@@ -26,15 +29,26 @@ static const struct poptOption watch_options[] = {
     POPT_TABLEEND,
 };
 
-static volatile sig_atomic_t interrupted;
-static int watched_fd;
-
-/* Ends the wait for the next update wherever it stands; both calls are safe here. */
-static void on_interrupt(int signal)
+/* SIGINT and SIGTERM as something to wait for beside the daemon: blocked for the process, readable
+ * from the descriptor that comes back; -1 when that cannot be had. */
+static int catch_interrupts(void)
 {
-    (void)signal;
-    interrupted = 1;
-    shutdown(watched_fd, SHUT_RDWR);
+    sigset_t signals;
+    sigemptyset(&signals);
+    sigaddset(&signals, SIGINT);
+    sigaddset(&signals, SIGTERM);
+    sigprocmask(SIG_BLOCK, &signals, NULL);
+    return signalfd(-1, &signals, SFD_CLOEXEC);
+}
+
+/* Waits until the daemon has something to say; true when an interrupt came first. */
+static bool is_interrupted(const struct skd_link *link, int interrupts)
+{
+    struct pollfd waits[] = {{.fd = interrupts, .events = POLLIN},
+                             {.fd = link->fd, .events = POLLIN}};
+    while (poll(waits, 2, -1) < 0 && errno == EINTR)
+        ;
+    return waits[0].revents != 0;
 }
 
 static void print_update(const struct skd_message *update)
@@ -57,13 +71,14 @@ static void print_update(const struct skd_message *update)
 }
 
 /* Prints updates until there are enough, or until the session or the wait ends. */
-static enum skd_status print_updates(struct skd_link *link, const char *session,
+static enum skd_status print_updates(struct skd_link *link, const char *session, int interrupts,
                                      struct skd_error *error)
 {
     int printed = 0;
     bool closed = false;
     enum skd_status status = SKD_OK;
-    while (status == SKD_OK && !closed && printed < options.count) {
+    while (status == SKD_OK && !closed && printed < options.count &&
+           !is_interrupted(link, interrupts)) {
         struct skd_message message;
         status = skd_link_next(link, &message, error);
         const char *method = status == SKD_OK && message.method != NULL ? message.method : "";
@@ -78,12 +93,11 @@ static enum skd_status print_updates(struct skd_link *link, const char *session,
         }
         skd_message_finish(&message);
     }
-    return interrupted ? SKD_OK : status;
+    return status;
 }
 
 static int run_watch(const char *const *arguments, int count, struct skd_error *error)
 {
-    const struct sigaction interrupt = {.sa_handler = on_interrupt};
     struct skd_link link;
     struct skd_message answer;
     char session[SKD_SESSION_NAME_BYTES_MAX + 1];
@@ -97,14 +111,12 @@ static int run_watch(const char *const *arguments, int count, struct skd_error *
     enum skd_status status =
         skd_link_call(&link, "session.attach", skd_session_body(session), NULL, 0, &answer, error);
     if (status == SKD_OK) {
-        watched_fd = link.fd;
-        sigaction(SIGINT, &interrupt, NULL);
-        sigaction(SIGTERM, &interrupt, NULL);
+        int interrupts = catch_interrupts();
         skd_cli_say("watching \"%s\" from revision %.0f on", session,
                     skd_json_number(answer.result, "revision"));
-        status = print_updates(&link, session, error);
-        signal(SIGINT, SIG_DFL);
-        signal(SIGTERM, SIG_DFL);
+        status = print_updates(&link, session, interrupts, error);
+        if (interrupts >= 0)
+            close(interrupts);
     }
     skd_message_finish(&answer);
     skd_link_close(&link);
