@@ -100,7 +100,7 @@ static void dismiss(struct skd_call *call)
     free(creating);
 }
 
-/* "Knight" from ".../Knight.glb": letters, digits, '.', '_' and '-' of the file's stem. */
+/* "Knight" from ".../Knight.glb": the file's stem, with '_' for what a name may not hold. */
 static void stem_of(const char *file, char name[SKD_SESSION_NAME_BYTES_MAX + 1])
 {
     const char *slash = strrchr(file, '/');

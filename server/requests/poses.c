@@ -73,7 +73,7 @@ static enum skd_status evaluate(struct skd_call *call, struct skd_error *error)
     const uint32_t *vertices = params->vertices_given ? params->vertices.data : NULL;
     size_t count =
         params->vertices_given ? params->vertices.count : session->rig->mesh.vertex_count;
-    if (vertices != NULL || params->vertices_given) {
+    if (params->vertices_given) {
         enum skd_status status = skd_session_check_vertices(session, vertices, count, error);
         if (status != SKD_OK)
             return status;

@@ -42,24 +42,50 @@ static void turn_about(const double axis[3], double angle, const double centre[3
                                         m[4 * row + 2] * centre[2]);
 }
 
-/* With P the rest pose and D_b a turn about bone b's posed head, a bone's skin matrix is
- * D_root ... D_parent D_b P_b: each joint carries everything below it. */
+static bool is_known(const double *chains, int32_t bone)
+{
+    return !isnan(chains[bone * SKD_MATRIX_SIZE]);
+}
+
+/* chain_b = chain_parent D_b, with D_b a turn about b's head where the rest pose puts it. */
+static void extend_chain(const struct skd_rig *rig, uint32_t seed, double angle_rad, int32_t bone,
+                         double *chains)
+{
+    const struct skd_skeleton *skeleton = &rig->skeleton;
+    double *chain = chains + bone * SKD_MATRIX_SIZE;
+    double axis[3], centre[3] = {0, 0, 0}, turn[SKD_MATRIX_SIZE];
+    int32_t parent = skeleton->parents[bone];
+    choose_axis(seed, (uint32_t)bone, axis);
+    skd_matrix_add_transformed(rig->rest_pose + bone * SKD_MATRIX_SIZE, skeleton->heads + 3 * bone,
+                               1, centre);
+    turn_about(axis, angle_rad, centre, turn);
+    if (parent < 0)
+        memcpy(chain, turn, sizeof turn);
+    else
+        skd_matrix_multiply(chains + parent * SKD_MATRIX_SIZE, turn, chain);
+}
+
+/* A bone's skin matrix is chain_b P_b, with P the rest pose: each joint carries everything below
+ * it. Every chain is made once, from its parent's, in whatever order the bones stand. Until then
+ * its first element is NaN, which a turn's never is. */
 void skd_pose_bend(const struct skd_rig *rig, uint32_t seed, double angle_rad,
                    double *skin_matrices)
 {
-    const struct skd_skeleton *skeleton = &rig->skeleton;
-    for (int bone = 0; bone < skeleton->bone_count; bone++) {
-        double chain[SKD_MATRIX_SIZE], turn[SKD_MATRIX_SIZE], joined[SKD_MATRIX_SIZE];
-        skd_matrix_identity(chain);
-        for (int32_t joint = bone; joint >= 0; joint = skeleton->parents[joint]) {
-            double axis[3], centre[3] = {0, 0, 0};
-            choose_axis(seed, (uint32_t)joint, axis);
-            skd_matrix_add_transformed(rig->rest_pose + joint * SKD_MATRIX_SIZE,
-                                       skeleton->heads + 3 * joint, 1, centre);
-            turn_about(axis, angle_rad, centre, turn);
-            skd_matrix_multiply(turn, chain, joined);
-            memcpy(chain, joined, sizeof chain);
+    const int32_t *parents = rig->skeleton.parents;
+    int bone_count = rig->skeleton.bone_count;
+    for (int bone = 0; bone < bone_count; bone++)
+        skin_matrices[bone * SKD_MATRIX_SIZE] = NAN;
+    for (int32_t bone = 0; bone < bone_count; bone++) {
+        while (!is_known(skin_matrices, bone)) {
+            int32_t top = bone;
+            while (parents[top] >= 0 && !is_known(skin_matrices, parents[top]))
+                top = parents[top];
+            extend_chain(rig, seed, angle_rad, top, skin_matrices);
         }
+    }
+    for (int bone = 0; bone < bone_count; bone++) {
+        double chain[SKD_MATRIX_SIZE];
+        memcpy(chain, skin_matrices + bone * SKD_MATRIX_SIZE, sizeof chain);
         skd_matrix_multiply(chain, rig->rest_pose + bone * SKD_MATRIX_SIZE,
                             skin_matrices + bone * SKD_MATRIX_SIZE);
     }

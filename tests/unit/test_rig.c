@@ -536,6 +536,50 @@ static void assert_refused(const struct skd_rig_arrays *arrays, enum skd_status 
     assert_true(strlen(error.text) > 10);
 }
 
+/* Bends keep every joint together: a bone and its parent carry the joint to one place, however the
+ * bones are ordered. */
+static void test_bend(void **state)
+{
+    (void)state;
+    enum { BONES = 5 };
+    static const int32_t orders[][BONES] = {{-1, 0, 1, 2, 1}, {1, 2, 3, 4, -1}, {3, -1, 1, 2, 0}};
+    static const float positions[] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+    static const uint32_t triangles[] = {0, 1, 2}, offsets[] = {0, 1, 2, 3};
+    static const uint16_t joints[] = {0, 1, 2};
+    static const float weights[] = {1, 1, 1};
+    double binds[BONES * 16] = {0}, bent[BONES * SKD_MATRIX_SIZE];
+    for (int b = 0; b < BONES; b++) {
+        for (int i = 0; i < 4; i++)
+            binds[16 * b + 5 * i] = 1;
+        binds[16 * b + 3] = 0.3 * b;
+        binds[16 * b + 7] = 1.0 / (b + 1);
+    }
+    for (size_t order = 0; order < sizeof orders / sizeof *orders; order++) {
+        struct skd_rig_arrays arrays = {3,      positions,     1,     triangles, BONES,
+                                        NULL,   orders[order], binds, offsets,   joints,
+                                        weights};
+        struct skd_rig *rig;
+        struct skd_influences influences;
+        assert_int_equal(skd_rig_from_arrays(&arrays, &rig, &influences, NULL), SKD_OK);
+        skd_pose_bend(rig, 7, 0.5, bent);
+        for (int b = 0; b < BONES; b++) {
+            const double *own = bent + b * SKD_MATRIX_SIZE;
+            int32_t parent = orders[order][b];
+            double here[3] = {0}, there[3] = {0};
+            skd_matrix_add_transformed(own, rig->skeleton.heads + 3 * b, 1, here);
+            skd_matrix_add_transformed(parent < 0 ? rig->rest_pose + b * SKD_MATRIX_SIZE
+                                                  : bent + parent * SKD_MATRIX_SIZE,
+                                       rig->skeleton.heads + 3 * b, 1, there);
+            for (int i = 0; i < 3; i++)
+                assert_near(here[i], there[i], 1e-12);
+            if (parent < 0) /* the trace of a turn by 0.5 */
+                assert_near(own[0] + own[5] + own[10], 1 + 2 * cos(0.5), 1e-12);
+        }
+        skd_rig_destroy(rig);
+        skd_influences_finish(&influences);
+    }
+}
+
 static void test_arrays_that_are_wrong(void **state)
 {
     (void)state;
@@ -626,6 +670,7 @@ int main(void)
         cmocka_unit_test(test_names),
         cmocka_unit_test(test_notes),
         cmocka_unit_test(test_rig_from_arrays),
+        cmocka_unit_test(test_bend),
         cmocka_unit_test(test_arrays_that_are_wrong),
         cmocka_unit_test(test_arrays_that_are_mended),
     };
