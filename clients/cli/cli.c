@@ -28,6 +28,18 @@ int skd_cli_exit(enum skd_status status)
     return status == SKD_OK ? SKD_EXIT_OK : SKD_EXIT_FAILED;
 }
 
+int skd_cli_conclude(struct skd_link *link, struct skd_message *answer, enum skd_status status,
+                     void (*print)(const cJSON *result))
+{
+    if (status == SKD_OK && skd_cli.json)
+        skd_print_json(answer, answer->result);
+    else if (status == SKD_OK)
+        print(answer->result);
+    skd_message_finish(answer);
+    skd_link_close(link);
+    return skd_cli_exit(status);
+}
+
 void skd_cli_say(const char *format, ...)
 {
     va_list arguments;

@@ -76,6 +76,11 @@ int skd_cli_usage(struct skd_error *error, const char *format, ...)
 /* SKD_EXIT_OK or SKD_EXIT_FAILED. */
 int skd_cli_exit(enum skd_status status);
 
+/* How a command with one answer ends: prints the result, as JSON if that was asked for and else
+ * with `print`, frees the answer and closes the link. Returns skd_cli_exit(status). */
+int skd_cli_conclude(struct skd_link *link, struct skd_message *answer, enum skd_status status,
+                     void (*print)(const cJSON *result));
+
 /* Talks on stderr, unless told to be quiet. */
 void skd_cli_say(const char *format, ...) __attribute__((format(printf, 1, 2)));
 

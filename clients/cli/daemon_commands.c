@@ -249,6 +249,11 @@ const struct skd_command skd_command_status = {
     .run = run_status,
 };
 
+static void print_list(const cJSON *result)
+{
+    print_sessions(cJSON_GetObjectItemCaseSensitive(result, "sessions"));
+}
+
 static int run_list(const char *const *arguments, int count, struct skd_error *error)
 {
     struct skd_link link;
@@ -258,13 +263,7 @@ static int run_list(const char *const *arguments, int count, struct skd_error *e
     if (skd_cli_connect(&link, error) != SKD_OK)
         return SKD_EXIT_FAILED;
     enum skd_status status = skd_link_call(&link, "session.list", NULL, NULL, 0, &answer, error);
-    if (status == SKD_OK && skd_cli.json)
-        skd_print_json(&answer, answer.result);
-    else if (status == SKD_OK)
-        print_sessions(cJSON_GetObjectItemCaseSensitive(answer.result, "sessions"));
-    skd_message_finish(&answer);
-    skd_link_close(&link);
-    return skd_cli_exit(status);
+    return skd_cli_conclude(&link, &answer, status, print_list);
 }
 
 const struct skd_command skd_command_list = {

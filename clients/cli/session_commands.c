@@ -92,13 +92,7 @@ static int run_load(const char *const *arguments, int count, struct skd_error *e
     if (options.reduce != NULL)
         cJSON_AddStringToObject(body, "reduce", options.reduce);
     enum skd_status status = skd_link_call(&link, "session.create", body, NULL, 0, &answer, error);
-    if (status == SKD_OK && skd_cli.json)
-        skd_print_json(&answer, answer.result);
-    else if (status == SKD_OK)
-        print_loaded(answer.result);
-    skd_message_finish(&answer);
-    skd_link_close(&link);
-    return skd_cli_exit(status);
+    return skd_cli_conclude(&link, &answer, status, print_loaded);
 }
 
 const struct skd_command skd_command_load = {
@@ -224,27 +218,26 @@ const struct skd_command skd_command_info = {
     .run = run_info,
 };
 
+static void print_turn(const cJSON *result)
+{
+    char vertices[SKD_COUNT_TEXT_BYTES];
+    printf("revision %.0f: %s vertices changed; %.0f steps to undo, %.0f to redo\n",
+           skd_json_number(result, "revision"),
+           skd_count_text(skd_json_number(result, "vertices"), vertices),
+           skd_json_number(result, "undo_steps"), skd_json_number(result, "redo_steps"));
+}
+
 static int turn_history(const char *method, struct skd_error *error)
 {
     struct skd_link link;
     struct skd_message answer;
-    char session[SKD_SESSION_NAME_BYTES_MAX + 1], vertices[SKD_COUNT_TEXT_BYTES];
+    char session[SKD_SESSION_NAME_BYTES_MAX + 1];
     int result = skd_cli_open(&link, session, error);
     if (result != SKD_EXIT_OK)
         return result;
     enum skd_status status =
         skd_link_call(&link, method, skd_session_body(session), NULL, 0, &answer, error);
-    if (status == SKD_OK && skd_cli.json)
-        skd_print_json(&answer, answer.result);
-    else if (status == SKD_OK)
-        printf("revision %.0f: %s vertices changed; %.0f steps to undo, %.0f to redo\n",
-               skd_json_number(answer.result, "revision"),
-               skd_count_text(skd_json_number(answer.result, "vertices"), vertices),
-               skd_json_number(answer.result, "undo_steps"),
-               skd_json_number(answer.result, "redo_steps"));
-    skd_message_finish(&answer);
-    skd_link_close(&link);
-    return skd_cli_exit(status);
+    return skd_cli_conclude(&link, &answer, status, print_turn);
 }
 
 static int run_undo(const char *const *arguments, int count, struct skd_error *error)
@@ -328,13 +321,7 @@ static int run_export(const char *const *arguments, int count, struct skd_error 
                                                     : default_output(&link, session, path, error);
     if (status == SKD_OK)
         status = skd_session_export(&link, session, path, &answer, error);
-    if (status == SKD_OK && skd_cli.json)
-        skd_print_json(&answer, answer.result);
-    else if (status == SKD_OK)
-        skd_print_exported(answer.result);
-    skd_message_finish(&answer);
-    skd_link_close(&link);
-    return skd_cli_exit(status);
+    return skd_cli_conclude(&link, &answer, status, skd_print_exported);
 }
 
 const struct skd_command skd_command_export = {
