@@ -191,6 +191,13 @@ static const struct skd_field weights_get_fields[] = {
     END,
 };
 
+static const struct skd_field weights_set_fields[] = {
+    SESSION(weights_set),
+    REQUIRED_ARRAY(weights_set, "vertices", vertices, SKD_U32, 0),
+    REQUIRED_ARRAY(weights_set, "weights", weights, SKD_F32, SKD_ROW_OF_SLOTS),
+    END,
+};
+
 static const struct skd_field stroke_fields[] = {
     SESSION(stroke),
     POSE(stroke),
@@ -323,6 +330,20 @@ static enum skd_status check_stroke(struct skd_request *request, struct skd_erro
     return SKD_OK;
 }
 
+/* Whether the rows are as wide as this session's is asked when the session is at hand. */
+static enum skd_status check_weights_set(struct skd_request *request, struct skd_error *error)
+{
+    const struct skd_weights_set_params *set = &request->params.weights_set;
+    const size_t rows = set->vertices.rows, count = set->weights.count;
+    bool is_flat = set->weights.rows == count;
+    bool fits = is_flat ? count == 4 * rows || count == 8 * rows : set->weights.rows == rows;
+    if (fits)
+        return SKD_OK;
+    return skd_fail(error, SKD_COUNT_MISMATCH,
+                    "weights.set: weights has %zu %s but vertices has %zu; send one row a vertex",
+                    set->weights.rows, is_flat ? "numbers" : "rows", rows);
+}
+
 static const struct {
     const struct skd_field *fields;
     enum skd_status (*check)(struct skd_request *request, struct skd_error *error);
@@ -342,6 +363,7 @@ static const struct {
     [SKD_REQUEST_POSE_EVALUATE] = {pose_evaluate_fields, NULL},
     [SKD_REQUEST_STROKE_APPLY] = {stroke_fields, check_stroke},
     [SKD_REQUEST_WEIGHTS_GET] = {weights_get_fields, NULL},
+    [SKD_REQUEST_WEIGHTS_SET] = {weights_set_fields, check_weights_set},
     [SKD_REQUEST_HISTORY_UNDO] = {session_fields, NULL},
     [SKD_REQUEST_HISTORY_REDO] = {session_fields, NULL},
     [SKD_REQUEST_STATS] = {no_fields, NULL},

@@ -26,6 +26,7 @@
     X(POSE_EVALUATE, "pose.evaluate")                                                              \
     X(STROKE_APPLY, "stroke.apply")                                                                \
     X(WEIGHTS_GET, "weights.get")                                                                  \
+    X(WEIGHTS_SET, "weights.set")                                                                  \
     X(HISTORY_UNDO, "history.undo")                                                                \
     X(HISTORY_REDO, "history.redo")                                                                \
     X(STATS, "stats")                                                                              \
@@ -86,9 +87,9 @@ struct skd_session_params {
 struct skd_pose_set_params {
     const char *session;
     const char *pose;
-    const char *clip;          /* with time; NULL: bend or matrices */
-    double time;               /* seconds */
-    double bend;               /* degrees, every joint, axes chosen by seed; NAN: not given */
+    const char *clip; /* with time; NULL: bend or matrices */
+    double time;      /* seconds */
+    double bend;      /* degrees, every joint, axes chosen by seed; NAN: not given */
     int seed;
     struct skd_array matrices; /* f64 [B,16] */
 };
@@ -104,6 +105,12 @@ struct skd_weights_get_params {
     const char *session;
     struct skd_array vertices;
     bool vertices_given;
+};
+
+struct skd_weights_set_params {
+    const char *session;
+    struct skd_array vertices; /* u32 [n] */
+    struct skd_array weights;  /* f32 [n,N]: N is 4 or 8, and the session knows which */
 };
 
 struct skd_stroke_params {
@@ -133,6 +140,7 @@ struct skd_request {
         struct skd_pose_set_params pose_set;
         struct skd_pose_evaluate_params pose_evaluate;
         struct skd_weights_get_params weights_get;
+        struct skd_weights_set_params weights_set;
         struct skd_stroke_params stroke;
     } params;
     void *owned[16]; /* memory of inline arrays and name lists */

@@ -155,13 +155,36 @@ static enum skd_status read_id(const struct reading *reading, const struct skd_f
     return SKD_OK;
 }
 
+/* The width of an array's rows as they were sent; 0 for a flat list, and for what is no array at
+ * all: skd_message_array says so. */
+static size_t sent_width(const struct skd_message *message, const cJSON *item)
+{
+    if (cJSON_IsArray(item))
+        return cJSON_IsArray(item->child) ? (size_t)cJSON_GetArraySize(item->child) : 0;
+    const cJSON *index = cJSON_GetObjectItemCaseSensitive(item, "buffer");
+    double number = cJSON_IsNumber(index) ? index->valuedouble : -1;
+    if (!(number >= 0 && number < message->buffer_count))
+        return 0;
+    const struct skd_buffer *buffer = &message->buffers[(int)number];
+    return buffer->dimensions == 2 ? (size_t)buffer->shape[1] : 0;
+}
+
 static enum skd_status read_array(const struct reading *reading, const struct skd_field *field,
                                   const cJSON *object)
 {
+    const struct skd_message *message = &reading->request->message;
+    size_t row_width = field->row_width;
     void *owned;
+    if (row_width == SKD_ROW_OF_SLOTS) {
+        const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, field->name);
+        row_width = sent_width(message, item);
+        bool is_rows = cJSON_IsArray(item) && cJSON_IsArray(item->child);
+        if (row_width != 4 && row_width != 8 && (row_width != 0 || is_rows))
+            return fail(reading, field, "has neither rows of 4 nor rows of 8 numbers");
+    }
     enum skd_status status =
-        skd_message_array(&reading->request->message, object, field->name, field->dtype,
-                          field->row_width, place(reading, field->offset), &owned, reading->error);
+        skd_message_array(message, object, field->name, field->dtype, row_width,
+                          place(reading, field->offset), &owned, reading->error);
     keep(reading->request, owned);
     return status;
 }

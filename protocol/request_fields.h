@@ -23,6 +23,10 @@ enum skd_field_kind {
     SKD_FIELD_OBJECT   /* members, read into the same struct */
 };
 
+/* A row_width: as many as a session has influences, which is not known yet. The rows are of 4 or of
+ * 8 numbers; a flat list has rows of one. */
+#define SKD_ROW_OF_SLOTS SIZE_MAX
+
 struct skd_field {
     const char *name;
     enum skd_field_kind kind;

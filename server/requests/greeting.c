@@ -15,7 +15,7 @@
 static const char *const capabilities[] = {
     "lines",         "session.file",      "session.arrays", "influences.8",  "method.exact",
     "method.thesis", "constraint.affine", "locks",          "stroke.stream", "history",
-    "export",        "updates",           "pose.bend",
+    "export",        "updates",           "pose.bend",      "weights.set",
 };
 
 static void add_limits(cJSON *result)

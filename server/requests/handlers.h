@@ -28,6 +28,8 @@ void skd_handle_stroke_apply(struct skd_call *call);
 void skd_handle_weights_get(struct skd_call *call);
 void skd_handle_mesh_get(struct skd_call *call);
 void skd_handle_session_export(struct skd_call *call);
+/* setting.c */
+void skd_handle_weights_set(struct skd_call *call);
 /* history.c */
 void skd_handle_history_undo(struct skd_call *call);
 void skd_handle_history_redo(struct skd_call *call);

@@ -47,23 +47,39 @@ static enum skd_status get_weights(struct skd_call *call, struct skd_error *erro
     return SKD_OK;
 }
 
+/* 3x4 matrices as the wire has them: 4x4, with the last row 0 0 0 1. */
+static void widen(const double *matrices, int count, double *out)
+{
+    static const double last_row[4] = {0, 0, 0, 1};
+    for (int i = 0; i < count; i++) {
+        memcpy(out + 16 * i, matrices + 12 * i, 12 * sizeof(double));
+        memcpy(out + 16 * i + 12, last_row, sizeof last_row);
+    }
+}
+
 static enum skd_status get_mesh(struct skd_call *call, struct skd_error *error)
 {
     const struct skd_mesh *mesh = &call->live->session->rig->mesh;
+    const struct skd_skeleton *skeleton = &call->live->session->rig->skeleton;
+    size_t bone_count = (size_t)skeleton->bone_count;
+    size_t bind_bytes = bone_count * 16 * sizeof(double);
     size_t position_bytes = mesh->vertex_count * 3 * sizeof(float);
     size_t triangle_bytes = mesh->triangle_count * 3 * sizeof(uint32_t);
     /* A copy: the rig may be closed before the last byte is written. */
-    char *block = malloc(position_bytes + triangle_bytes + 1);
+    char *block = malloc(bind_bytes + position_bytes + triangle_bytes + 1);
     if (block == NULL)
         return skd_fail_memory(error, "the mesh");
-    memcpy(block, mesh->rest, position_bytes);
-    memcpy(block + position_bytes, mesh->triangles, triangle_bytes);
+    widen(skeleton->inverse_binds, skeleton->bone_count, (double *)block);
+    memcpy(block + bind_bytes, mesh->rest, position_bytes);
+    memcpy(block + bind_bytes + position_bytes, mesh->triangles, triangle_bytes);
     struct skd_reply *reply = &call->reply;
     reply->body = cJSON_CreateObject();
-    reply->arrays[0] = (struct skd_array_out){"positions", SKD_F32, mesh->vertex_count, 3, block};
+    reply->arrays[0] =
+        (struct skd_array_out){"positions", SKD_F32, mesh->vertex_count, 3, block + bind_bytes};
     reply->arrays[1] = (struct skd_array_out){"triangles", SKD_U32, mesh->triangle_count, 3,
-                                              block + position_bytes};
-    reply->array_count = 2;
+                                              block + bind_bytes + position_bytes};
+    reply->arrays[2] = (struct skd_array_out){"inverse_binds", SKD_F64, bone_count, 16, block};
+    reply->array_count = 3;
     reply->owner = block;
     reply->release = free;
     return SKD_OK;

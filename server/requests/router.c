@@ -26,6 +26,7 @@ static void (*const handlers[SKD_REQUEST_METHOD_COUNT])(struct skd_call *call) =
     [SKD_REQUEST_POSE_EVALUATE] = skd_handle_pose_evaluate,
     [SKD_REQUEST_STROKE_APPLY] = skd_handle_stroke_apply,
     [SKD_REQUEST_WEIGHTS_GET] = skd_handle_weights_get,
+    [SKD_REQUEST_WEIGHTS_SET] = skd_handle_weights_set,
     [SKD_REQUEST_HISTORY_UNDO] = skd_handle_history_undo,
     [SKD_REQUEST_HISTORY_REDO] = skd_handle_history_redo,
     [SKD_REQUEST_STATS] = skd_handle_stats,

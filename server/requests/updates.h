@@ -12,7 +12,7 @@
 struct skd_update {
     const char *session;
     uint64_t revision;
-    const char *cause;  /* "stroke", "undo", "redo" */
+    const char *cause;  /* "stroke", "set", "undo", "redo" */
     const char *client; /* who asked */
     struct skd_step *step;
     bool undo;  /* the step's `before` is what holds now */

@@ -68,16 +68,33 @@ static void drop_undone(struct skd_history *history)
     }
 }
 
+/* How many of the oldest steps must go where `count` steps take `bytes`: never the last one. */
+static size_t count_surplus(const struct skd_history *history, size_t count, size_t bytes)
+{
+    size_t surplus = 0;
+    while (surplus + 1 < count && bytes > SKD_HISTORY_BYTES_MAX)
+        bytes -= skd_step_bytes(history->steps[surplus++]);
+    return surplus;
+}
+
 static void drop_oldest(struct skd_history *history)
 {
-    size_t dropped = 0;
-    while (dropped + 1 < history->count && history->bytes > SKD_HISTORY_BYTES_MAX) {
-        history->bytes -= skd_step_bytes(history->steps[dropped]);
-        skd_step_release(history->steps[dropped++]);
+    size_t dropped = count_surplus(history, history->count, history->bytes);
+    for (size_t i = 0; i < dropped; i++) {
+        history->bytes -= skd_step_bytes(history->steps[i]);
+        skd_step_release(history->steps[i]);
     }
     history->count -= dropped;
     history->position -= dropped;
     memmove(history->steps, history->steps + dropped, history->count * sizeof *history->steps);
+}
+
+size_t skd_history_steps_with(const struct skd_history *history, const struct skd_step *step)
+{
+    size_t bytes = skd_step_bytes(step), count = history->position + 1;
+    for (size_t i = 0; i < history->position; i++)
+        bytes += skd_step_bytes(history->steps[i]);
+    return count - count_surplus(history, count, bytes);
 }
 
 void skd_history_push(struct skd_history *history, struct skd_step *step)

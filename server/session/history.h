@@ -49,6 +49,8 @@ struct skd_history {
  * changes anything. */
 SKD_MUST_CHECK enum skd_status skd_history_reserve(struct skd_history *history,
                                                    struct skd_error *error);
+/* How many steps could be undone once this one was pushed: the oldest may have to go for it. */
+size_t skd_history_steps_with(const struct skd_history *history, const struct skd_step *step);
 /* Drops what was undone and puts the step (a reference of its own) on top. */
 void skd_history_push(struct skd_history *history, struct skd_step *step);
 /* The step that undo or redo is to apply, or NULL. Borrowed. */

@@ -2,6 +2,8 @@
  * may hold one ring of all its vertices. */
 #include "session/seams.h"
 
+#include "session/bits.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,18 +19,10 @@ static int compare_named(const void *left, const void *right)
     return a->vertex < b->vertex ? -1 : a->vertex > b->vertex;
 }
 
-static bool take_bit(uint8_t *bits, uint32_t index)
-{
-    uint8_t bit = (uint8_t)(1u << (index & 7));
-    bool taken = (bits[index >> 3] & bit) != 0;
-    bits[index >> 3] |= bit;
-    return taken;
-}
-
 static size_t ring_size(const uint32_t *twins, uint32_t first, uint8_t *walked)
 {
     size_t size = 0;
-    for (uint32_t vertex = first; !take_bit(walked, vertex); vertex = twins[vertex])
+    for (uint32_t vertex = first; !skd_bits_take(walked, vertex); vertex = twins[vertex])
         size++;
     return size;
 }
@@ -83,7 +77,7 @@ enum skd_status skd_seams_join(const struct skd_mesh *mesh, const uint32_t *vert
     const uint32_t *twins = mesh->twins;
     if (twins == NULL || count == 0)
         return SKD_OK;
-    size_t bitmap_bytes = mesh->vertex_count / 8 + 1;
+    size_t bitmap_bytes = skd_bits_bytes(mesh->vertex_count);
     size_t named_count = 0, joined_count = 0;
     uint8_t *walked = calloc(bitmap_bytes, 1);
     struct named *named = malloc(count * sizeof *named);

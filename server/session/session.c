@@ -1,6 +1,7 @@
 /* See session.h. */
 #include "session/session.h"
 
+#include "session/bits.h"
 #include "session/reduction.h"
 
 #include <stdlib.h>
@@ -173,4 +174,24 @@ enum skd_status skd_session_check_vertices(const struct skd_session *session,
                             vertex_count - 1);
     }
     return SKD_OK;
+}
+
+enum skd_status skd_session_check_distinct(const struct skd_session *session,
+                                           const uint32_t *vertices, size_t count,
+                                           struct skd_error *error)
+{
+    enum skd_status status = skd_session_check_vertices(session, vertices, count, error);
+    if (status != SKD_OK)
+        return status;
+    uint8_t *named = calloc(skd_bits_bytes(session->rig->mesh.vertex_count), 1);
+    if (named == NULL)
+        return skd_fail_memory(error, "checking the vertices");
+    for (size_t i = 0; i < count && status == SKD_OK; i++) {
+        if (skd_bits_take(named, vertices[i]))
+            status = skd_fail(error, SKD_BAD_INDEX,
+                              "vertices[%zu] names vertex %u a second time; name each vertex once",
+                              i, (unsigned)vertices[i]);
+    }
+    free(named);
+    return status;
 }

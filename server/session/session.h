@@ -66,4 +66,10 @@ SKD_MUST_CHECK enum skd_status skd_session_check_vertices(const struct skd_sessi
                                                           const uint32_t *vertices, size_t count,
                                                           struct skd_error *error);
 
+/* The same for a list that is to change each of its vertices: SKD_BAD_INDEX also where one is named
+ * twice. Errors: SKD_NO_MEMORY too. */
+SKD_MUST_CHECK enum skd_status skd_session_check_distinct(const struct skd_session *session,
+                                                          const uint32_t *vertices, size_t count,
+                                                          struct skd_error *error);
+
 #endif

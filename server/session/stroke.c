@@ -24,27 +24,6 @@ static enum skd_status check_positions(const struct skd_stroke_input *input,
     return SKD_OK;
 }
 
-/* A bit a vertex, to find one that is named twice. */
-static enum skd_status check_once(const struct skd_session *session,
-                                  const struct skd_stroke_input *input, struct skd_error *error)
-{
-    uint8_t *named = calloc(session->rig->mesh.vertex_count / 8 + 1, 1);
-    if (named == NULL)
-        return skd_fail_memory(error, "checking the vertices");
-    enum skd_status status = SKD_OK;
-    for (size_t i = 0; i < input->count && status == SKD_OK; i++) {
-        uint32_t vertex = input->vertices[i];
-        uint8_t bit = (uint8_t)(1u << (vertex & 7));
-        if (named[vertex >> 3] & bit)
-            status = skd_fail(error, SKD_BAD_INDEX,
-                              "vertices[%zu] names vertex %u a second time; name each vertex once",
-                              i, (unsigned)vertex);
-        named[vertex >> 3] |= bit;
-    }
-    free(named);
-    return status;
-}
-
 static enum skd_status lock_bones(struct skd_stroke *stroke, struct skd_error *error)
 {
     const struct skd_stroke_input *input = &stroke->input;
@@ -139,10 +118,9 @@ enum skd_status skd_stroke_prepare(struct skd_stroke *stroke, struct skd_error *
     const struct skd_stroke_input *input = &stroke->input;
     enum skd_status status;
     if ((status = check_method(stroke, error)) != SKD_OK ||
-        (status = skd_session_check_vertices(stroke->session, input->vertices, input->count,
+        (status = skd_session_check_distinct(stroke->session, input->vertices, input->count,
                                              error)) != SKD_OK ||
         (status = check_positions(input, error)) != SKD_OK ||
-        (status = check_once(stroke->session, input, error)) != SKD_OK ||
         (status = lock_bones(stroke, error)) != SKD_OK ||
         (status = lock_vertices(stroke, error)) != SKD_OK)
         return status;

@@ -47,6 +47,30 @@ static int insert_sorted(uint16_t *bones, double *scores, int used, int most, ui
     return used;
 }
 
+/* Scales weights to sum to one, rounded as the solver rounds. open: 1 for a slot with a bone. */
+static void scale_to_one(int n, const double *open, double *weights)
+{
+    static const double none[SKD_SLOT_COUNT_MAX];
+    const double sum = row_sum(n, weights);
+    for (int i = 0; i < n; i++)
+        weights[i] /= sum;
+    row_store(n, 1.0, open, none, weights);
+}
+
+void skd_slots_normalise(int slot_count, const uint16_t *joints, float *weights)
+{
+    double open[SKD_SLOT_COUNT_MAX] = {0}, scaled[SKD_SLOT_COUNT_MAX] = {0};
+    for (int i = 0; i < slot_count; i++) {
+        open[i] = joints[i] == SKD_SLOT_EMPTY ? 0.0 : 1.0;
+        scaled[i] = (double)weights[i];
+    }
+    if (row_is_valid(slot_count, scaled, 0.0) > 0.0)
+        return;
+    scale_to_one(slot_count, open, scaled);
+    for (int i = 0; i < slot_count; i++)
+        weights[i] = (float)scaled[i];
+}
+
 /* Writes the own bones of a vertex; the other slots stay empty. */
 static void write_own(const struct skd_slots_input *input, size_t vertex, uint16_t *joints,
                       float *weights, struct skd_slots_report *report)
@@ -66,12 +90,8 @@ static void write_own(const struct skd_slots_input *input, size_t vertex, uint16
     if (end - first > (uint32_t)n) {
         static const double every[SKD_SLOT_COUNT_MAX] = {1, 1, 1, 1, 1, 1, 1, 1,
                                                          1, 1, 1, 1, 1, 1, 1, 1};
-        static const double none[SKD_SLOT_COUNT_MAX];
-        const double kept = row_sum(n, scores);
-        const float cut = (float)(1.0 - kept / total);
-        for (int i = 0; i < n; i++)
-            scores[i] /= kept;
-        row_store(n, 1.0, every, none, scores);
+        const float cut = (float)(1.0 - row_sum(n, scores) / total);
+        scale_to_one(n, every, scores);
         report->reduced_count++;
         report->largest_cut = cut > report->largest_cut ? cut : report->largest_cut;
     }

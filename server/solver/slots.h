@@ -66,4 +66,8 @@ size_t skd_slots_scratch_bytes(const struct skd_slots_input *input);
 void skd_slots_fill(const struct skd_slots_input *input, void *scratch, uint16_t *joints_out,
                     float *weights_out, struct skd_slots_report *report);
 
+/* Makes a row of N weights, none negative and their sum above 0, sum to one within 1e-7 as stored.
+ * A row that does already keeps its bits. Slots without a bone weigh 0, and stay so. */
+void skd_slots_normalise(int slot_count, const uint16_t *joints, float *weights);
+
 #endif

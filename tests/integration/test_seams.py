@@ -53,3 +53,38 @@ def test_no_crack_opens(daemon, file) -> None:
             positions = link.call("pose.evaluate", {"session": "s", "pose": pose})["positions"]
             first = np.unique(ring, return_index=True)[1][ring]
             np.testing.assert_array_equal(positions, positions[first])
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_weights_that_are_set_take_the_twins_along(daemon, file) -> None:
+    """One vertex of each of some rings is set: no crack opens. All are set: each has its own."""
+    if not (ASSETS / file).exists():
+        pytest.skip("the shared characters are not here")
+    random = np.random.default_rng(11)
+    with daemon.link() as link:
+        link.call("session.create", {"file": str(ASSETS / file), "name": "s"})
+        rest = link.call("mesh.get", {"session": "s"})["positions"]
+        start = link.call("weights.get", {"session": "s"})
+        joints, before = start["joints"], start["weights"]
+        ring = rings(rest, joints, before)
+        split = np.flatnonzero(np.bincount(ring)[ring] > 1)
+        chosen = np.unique(ring[random.choice(split, 40)])
+        vertices = np.array([np.flatnonzero(ring == r)[0] for r in chosen], np.uint32)
+        raw = np.where(joints[vertices] == 65535, 0, random.random((len(vertices), 4)))
+        rows = (raw / raw.sum(1, keepdims=True)).astype(np.float32)
+        answer = link.call("weights.set", {"session": "s", "vertices": vertices, "weights": rows})
+        assert answer["vertices"] == np.isin(ring, chosen).sum() > len(vertices)
+        after = link.call("weights.get", {"session": "s"})["weights"]
+        np.testing.assert_allclose(after[vertices], rows, atol=2e-7)
+        for r, vertex in zip(chosen, vertices):
+            twins = np.flatnonzero(ring == r)
+            assert (joints[twins] == joints[vertex]).all()
+            np.testing.assert_array_equal(after[twins], np.tile(after[vertex], (len(twins), 1)))
+        others = ~np.isin(ring, chosen)
+        np.testing.assert_array_equal(after[others], before[others])
+        everyone = np.arange(len(before), dtype=np.uint32)
+        answer = link.call("weights.set", {"session": "s", "vertices": everyone[::-1].copy(),
+                                           "weights": before[::-1].copy()})
+        assert answer["vertices"] == len(before)
+        back = link.call("weights.get", {"session": "s"})["weights"]
+        np.testing.assert_array_equal(back.view(np.uint32), before.view(np.uint32))

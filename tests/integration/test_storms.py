@@ -97,9 +97,9 @@ class Storm:
         some = np.unique(np.array([pick.randrange(count) for _ in range(40)], np.uint32))
         towards = np.array([pick.uniform(-1, 1) for _ in range(len(some) * 3)], np.float32)
         kind = pick.choices(
-            ["stroke", "sweep", "undo", "redo", "evaluate", "weights", "mesh", "pose", "attach",
+            ["stroke", "sweep", "set", "undo", "redo", "evaluate", "weights", "mesh", "pose", "attach",
              "detach", "info", "list", "stats", "create", "close", "export"],
-            [8, 3, 5, 4, 4, 3, 1, 4, 4, 2, 2, 2, 1, 5, 1, 2])[0]
+            [8, 3, 3, 5, 4, 4, 3, 1, 4, 4, 2, 2, 2, 1, 5, 1, 2])[0]
         if kind == "stroke":
             return "stroke.apply", {**who, "pose": pick.choice(["rest", "bent"]), "vertices": some,
                                     "positions": towards.reshape(-1, 3),
@@ -110,6 +110,9 @@ class Storm:
             everyone = np.arange(count, dtype=np.uint32)
             return "stroke.apply", {**who, "pose": "rest", "vertices": everyone,
                                     "positions": np.full((count, 3), pick.random(), np.float32)}
+        if kind == "set":  # the first slot of each vertex has a bone
+            row = np.array([pick.uniform(0.9995, 1.0005), 0, 0, 0], np.float32)
+            return "weights.set", {**who, "vertices": some, "weights": np.tile(row, (len(some), 1))}
         if kind == "pose":
             return "pose.set", {**who, "pose": "bent", "bend": pick.uniform(-90, 90)}
         if kind == "evaluate":

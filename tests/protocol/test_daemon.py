@@ -99,6 +99,9 @@ def use_everything(path: Path, folder: Path, lines: bool) -> None:
         assert watcher.call("session.attach", {"session": "r", "revision": 0})["resync"] is False
         mesh = artist.call("mesh.get", {"session": "r"})
         assert np.array_equal(np.asarray(mesh["positions"], np.float32), rest_positions())
+        assert np.array_equal(mesh["inverse_binds"],
+                              [np.eye(4).ravel(), [1, 0, 0, 0, 0, 1, 0, -1.5, *IDENTITY[2],
+                                                   *IDENTITY[3]]])
         artist.call("pose.set", {"session": "r", "pose": "bent", "clip": "bend", "time": 0.5})
         artist.call("pose.set", {"session": "r", "pose": "flat"},
                     {"matrices": np.array([IDENTITY, IDENTITY], np.float64)})
@@ -116,8 +119,13 @@ def use_everything(path: Path, folder: Path, lines: bool) -> None:
                               np.asarray(streamed["weights"]))
         assert artist.call("history.undo", {"session": "r"})["revision"] == 2
         assert artist.call("history.redo", {"session": "r"})["revision"] == 3
+        rows = np.asarray(weights["weights"], np.float32)[vertices]
+        wanted = artist.call("weights.set", {"session": "r"}, {"vertices": vertices,
+                                                               "weights": rows})
+        assert wanted == {"session": "r", "revision": 4, "vertices": 4, "undo_steps": 2,
+                          "redo_steps": 0}
         exported = artist.call("session.export", {"session": "r", "path": str(folder / "o.gltf")})
-        assert exported["revision"] == 3
+        assert exported["revision"] == 4
         info = artist.call("session.info", {"session": "r"})
         assert set(info["poses"]) == {"rest", "bent", "flat"}
         artist.call("session.create", {"name": "arrays", "fill": "none"}, rig_arrays())
@@ -128,10 +136,10 @@ def use_everything(path: Path, folder: Path, lines: bool) -> None:
             artist.call("weights.get", {"session": "nobody"})
         assert refused.value.name == "no_session"
         artist.call("session.close", {"session": "r"})
-        told = gather(watcher, 4)
-        assert [message.method for message in told] == 3 * ["session.update"] + ["session.closed"]
-        assert [message.params["cause"] for message in told[:3]] == ["stroke", "undo", "redo"]
-        assert [message.params["revision"] for message in told[:3]] == [1, 2, 3]
+        told = gather(watcher, 5)
+        assert [message.method for message in told] == 4 * ["session.update"] + ["session.closed"]
+        assert [message.params["cause"] for message in told[:4]] == ["stroke", "undo", "redo", "set"]
+        assert [message.params["revision"] for message in told[:4]] == [1, 2, 3, 4]
 
 
 def test_every_message_is_what_its_schema_says(daemon, tmp_path):

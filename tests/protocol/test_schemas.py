@@ -45,6 +45,10 @@ EXAMPLES = [
                       "stiffness": 0.1, "thesis_k": 0.1, "thesis_h": 1, "locked_bones": ["hip"],
                       "locked_vertices": [4]}),
     ("weights.get", {"session": "a", "vertices": [0]}),
+    ("weights.set", {"session": "a", "vertices": [0, 2],
+                     "weights": [[1, 0, 0, 0], [0.5, 0.5, 0, 0]]}),
+    ("weights.set", {"session": "a", "vertices": [1], "weights": [[0, 0, 0, 0, 0, 0, 0, 1]]}),
+    ("weights.set", {"session": "a", "vertices": [1], "weights": [0.25, 0.25, 0.25, 0.25]}),
     ("history.undo", {"session": "a"}),
     ("history.redo", {"session": "a"}),
     ("stats", {}),
@@ -75,7 +79,7 @@ def test_every_method_has_its_schemas():
     expected |= {f"{name}.notification"
                  for name in ("stroke.weights", "session.update", "session.closed", "bye")}
     assert set(schemas.load_all()) == expected
-    assert len(schemas.methods()) == 19
+    assert len(schemas.methods()) == 20
 
 
 @pytest.mark.parametrize("name", sorted(schemas.load_all()))

@@ -294,6 +294,40 @@ static enum skd_status decode_positions(const char *positions, size_t *rows)
     return status;
 }
 
+static enum skd_status decode_set(const char *vertices, const char *weights)
+{
+    struct skd_request request;
+    char params[256];
+    (void)snprintf(params, sizeof params, "{\"session\":\"a\",\"vertices\":%s,\"weights\":%s}",
+                   vertices, weights);
+    enum skd_status status = decode(&request, "weights.set", params);
+    skd_request_finish(&request);
+    return status;
+}
+
+/* Rows of 4 or of 8, which only the session can tell apart where the list is flat. */
+static void test_rows_of_slots(void **state)
+{
+    (void)state;
+    assert_int_equal(decode_set("[3]", "[[0,1,0,0]]"), SKD_OK);
+    assert_int_equal(decode_set("[3]", "[[0,1,0,0,0,0,0,0]]"), SKD_OK);
+    assert_int_equal(decode_set("[3]", "[0,1,0,0]"), SKD_OK);
+    assert_int_equal(decode_set("[3]", "[0,1,0,0,0,0,0,0]"), SKD_OK);
+    assert_int_equal(decode_set("[3,4]", "[0,1,0,0,0,0,0,1]"), SKD_OK);
+    assert_int_equal(decode_set("[]", "[]"), SKD_OK);
+    assert_int_equal(decode_set("[3,4]", "[0,1,0,0]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_set("[3]", "[0,1,0,0,0]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_set("[3]", "[]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_set("[]", "[0,1,0,0]"), SKD_COUNT_MISMATCH);
+    /* One row of 8 is not two of 4. */
+    assert_int_equal(decode_set("[3,4]", "[[0,1,0,0,0,0,0,1]]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_set("[3]", "[[0,1,0]]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_set("[3]", "[[]]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_set("[3,4]", "[[0,1,0,0],[0,1,0,0,0,0,0,0]]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_set("[3]", "{\"buffer\":0}"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_set("[3]", "[[0,1,0,1e39]]"), SKD_NOT_FINITE);
+}
+
 static void test_arrays_as_json(void **state)
 {
     (void)state;
@@ -418,6 +452,32 @@ static void test_arrays_as_buffers(void **state)
     check_matrices("[1000000,0,4]", SKD_BAD_PARAMS, 0);
 }
 
+static enum skd_status decode_set_buffer(const char *shape)
+{
+    struct skd_request request;
+    static const char params[] =
+        "{\"session\":\"a\",\"vertices\":[1,2],\"weights\":{\"buffer\":0}}";
+    enum skd_status status = decode_buffer("weights.set", params, "f32", shape, &request);
+    skd_request_finish(&request);
+    return status;
+}
+
+static void test_buffers_of_slots(void **state)
+{
+    (void)state;
+    assert_int_equal(decode_set_buffer("[2,4]"), SKD_OK);
+    assert_int_equal(decode_set_buffer("[2,8]"), SKD_OK);
+    assert_int_equal(decode_set_buffer("[8]"), SKD_OK);
+    assert_int_equal(decode_set_buffer("[16]"), SKD_OK);
+    assert_int_equal(decode_set_buffer("[12]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_set_buffer("[4,4]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_set_buffer("[1,8]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_set_buffer("[0,4]"), SKD_COUNT_MISMATCH);
+    assert_int_equal(decode_set_buffer("[8,1]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_set_buffer("[2,0]"), SKD_BAD_PARAMS);
+    assert_int_equal(decode_set_buffer("[1,2,4]"), SKD_BAD_PARAMS);
+}
+
 /* A string that begins with `first`, one byte below, at and above its limit. */
 static void check_text_limit(const char *method, const char *before, char first, const char *after,
                              size_t most)
@@ -499,16 +559,12 @@ static void test_who_is_answered(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_names_are_all_known),
-        cmocka_unit_test(test_stroke_defaults),
-        cmocka_unit_test(test_stroke_options),
-        cmocka_unit_test(test_what_is_refused),
-        cmocka_unit_test(test_rig_arrays),
-        cmocka_unit_test(test_arrays_as_json),
-        cmocka_unit_test(test_whole_numbers_as_json),
-        cmocka_unit_test(test_arrays_as_buffers),
-        cmocka_unit_test(test_lengths_of_strings),
-        cmocka_unit_test(test_hello_and_cancel),
+        cmocka_unit_test(test_names_are_all_known), cmocka_unit_test(test_stroke_defaults),
+        cmocka_unit_test(test_stroke_options),      cmocka_unit_test(test_what_is_refused),
+        cmocka_unit_test(test_rig_arrays),          cmocka_unit_test(test_rows_of_slots),
+        cmocka_unit_test(test_arrays_as_json),      cmocka_unit_test(test_whole_numbers_as_json),
+        cmocka_unit_test(test_arrays_as_buffers),   cmocka_unit_test(test_buffers_of_slots),
+        cmocka_unit_test(test_lengths_of_strings),  cmocka_unit_test(test_hello_and_cancel),
         cmocka_unit_test(test_who_is_answered),
     };
     return cmocka_run_group_tests_name("protocol_request", tests, NULL, NULL);

@@ -1,6 +1,7 @@
 /* The session room: seams, history and a stroke's checks, on rigs made here. */
 #include "rig/rig_build.h"
 #include "session/seams.h"
+#include "session/setting.h"
 #include "session/stroke.h"
 
 #include <math.h>
@@ -132,6 +133,28 @@ static void history_forgets_the_oldest(void **state)
     skd_history_finish(&history);
 }
 
+/* What is promised before a push is what the push then does. */
+static void history_tells_what_a_push_will_leave(void **state)
+{
+    (void)state;
+    struct skd_history history = {0};
+    const size_t large = SKD_HISTORY_BYTES_MAX / 36 / 4 + 1;
+    const size_t sizes[] = {1, large, large, 5, large, large, 2, 3 * large, 1, 4 * large};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        struct skd_step *step = skd_step_create(sizes[i], 4);
+        if (i == 6)
+            skd_history_move(&history, -1); /* something undone goes too */
+        size_t told = skd_history_steps_with(&history, step);
+        assert_int_equal(skd_history_reserve(&history, NULL), SKD_OK);
+        skd_history_push(&history, step);
+        skd_step_release(step);
+        assert_int_equal(history.position, told);
+        assert_int_equal(history.count, told);
+    }
+    assert_int_equal(history.count, 1);
+    skd_history_finish(&history);
+}
+
 /* ---- a stroke ---------------------------------------------------------------------------- */
 
 /* Two bones, one above the other, and a strip of vertices between them; 2 and 3 are at one place
@@ -247,6 +270,109 @@ static void stroke_moves_twins_and_is_undone_to_the_bit(void **state)
     skd_session_destroy(session);
 }
 
+/* ---- weights that are set ------------------------------------------------------------------ */
+
+static enum skd_status try_setting(const struct skd_session *session, const uint32_t *vertices,
+                                   size_t count, const float *weights, size_t weight_count,
+                                   struct skd_error *error)
+{
+    const struct skd_setting setting = {vertices, count, weights, weight_count};
+    struct skd_step *step = NULL;
+    enum skd_status status = skd_setting_prepare(session, &setting, &step, error);
+    skd_step_release(step);
+    return status;
+}
+
+static void setting_refuses_bad_rows(void **state)
+{
+    (void)state;
+    struct skd_session *session = make_session();
+    struct skd_error error;
+    const uint32_t good[] = {4, 1}, outside[] = {4, 5}, twice[] = {4, 4};
+    static const struct {
+        float row[4]; /* of vertex 1: bones lower, upper, and two empty slots */
+        enum skd_status status;
+        const char *said;
+    } rows[] = {
+        {{0.5F, 0.5F, 0, 0}, SKD_OK, ""},
+        {{0.5F, 0.5009F, 0, 0}, SKD_OK, ""},
+        {{0.5F, 0.4991F, 0, 0}, SKD_OK, ""},
+        {{0.5F, 0.5011F, 0, 0}, SKD_BAD_PARAMS, "sums to 1.0011"},
+        {{0.5F, 0.4989F, 0, 0}, SKD_BAD_PARAMS, "sums to 0.9989"},
+        {{0, 0, 0, 0}, SKD_BAD_PARAMS, "sums to 0"},
+        {{1.25F, -0.25F, 0, 0}, SKD_BAD_PARAMS, "has 1.25 in slot 0"},
+        {{1, -1e-6F, 0, 0}, SKD_BAD_PARAMS, "has -1e-06 in slot 1"},
+        {{NAN, 1, 0, 0}, SKD_NOT_FINITE, "weights[1] (vertex 1) is not finite in slot 0"},
+        {{1, 0, 0, -INFINITY}, SKD_NOT_FINITE, "slot 3"},
+        {{0.5F, 0.25F, 0.25F, 0}, SKD_BAD_PARAMS, "no bone (joint 65535)"},
+    };
+    assert_int_equal(session->joints[1 * 4 + 2], SKD_SLOT_EMPTY);
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        float weights[8] = {1};
+        memcpy(weights + 4, rows[i].row, sizeof rows[i].row);
+        error = (struct skd_error){0};
+        assert_int_equal(try_setting(session, good, 2, weights, 8, &error), rows[i].status);
+        assert_non_null(strstr(error.text, rows[i].said));
+    }
+    const float weights[16] = {1, 0, 0, 0, 1, 0, 0, 0};
+    assert_int_equal(try_setting(session, outside, 2, weights, 8, &error), SKD_BAD_INDEX);
+    assert_int_equal(try_setting(session, twice, 2, weights, 8, &error), SKD_BAD_INDEX);
+    assert_int_equal(try_setting(session, good, 2, weights, 16, &error), SKD_COUNT_MISMATCH);
+    assert_int_equal(try_setting(session, NULL, 0, NULL, 0, &error), SKD_OK);
+    skd_session_destroy(session);
+}
+
+static void setting_keeps_good_rows_and_takes_twins_along(void **state)
+{
+    (void)state;
+    struct skd_session *session = make_session();
+    join_twins(session);
+    float before[20];
+    memcpy(before, session->weights, sizeof before);
+    const uint32_t vertices[] = {3, 0, 1};
+    const float rows[] = {0.3F, 0.7F - 0x1p-25F, 0, 0, 1, 0, 0, 0, 0.75F, 0.2505F, 0, 0};
+    const struct skd_setting setting = {vertices, 3, rows, 12};
+    struct skd_step *step;
+    assert_int_equal(skd_setting_prepare(session, &setting, &step, NULL), SKD_OK);
+    assert_memory_equal(session->weights, before, sizeof before); /* nothing is written yet */
+    assert_int_equal(step->count, 4);
+    assert_memory_equal(step->vertices, ((const uint32_t[]){3, 0, 1, 2}), 4 * sizeof(uint32_t));
+    skd_session_write(session, step, false);
+    assert_memory_equal(session->weights + 3 * 4, rows, 16);
+    assert_memory_equal(session->weights + 2 * 4, rows, 16); /* the twin */
+    assert_memory_equal(session->weights + 0 * 4, rows + 4, 16);
+    const float *scaled = session->weights + 1 * 4;
+    assert_true(fabs((double)scaled[0] + (double)scaled[1] - 1) <= 1e-7);
+    assert_true(fabs((double)scaled[0] - 0.75 / 1.0005) < 1e-7);
+    skd_session_write(session, step, true);
+    assert_memory_equal(session->weights, before, sizeof before);
+    skd_step_release(step);
+    skd_session_destroy(session);
+}
+
+/* Both twins named: each its own. A twin with other bones in its slots: left alone. */
+static void setting_leaves_twins_alone_that_it_must(void **state)
+{
+    (void)state;
+    struct skd_session *session = make_session();
+    join_twins(session);
+    const uint32_t both[] = {2, 3};
+    const float rows[] = {0.25F, 0.75F, 0, 0, 0.5F, 0.5F, 0, 0};
+    struct skd_setting setting = {both, 2, rows, 8};
+    struct skd_step *step;
+    assert_int_equal(skd_setting_prepare(session, &setting, &step, NULL), SKD_OK);
+    assert_int_equal(step->count, 2);
+    assert_memory_equal(step->after, rows, sizeof rows);
+    skd_step_release(step);
+    session->joints[3 * 4] = 1;
+    session->joints[3 * 4 + 1] = 0;
+    setting.count = 1, setting.weight_count = 4;
+    assert_int_equal(skd_setting_prepare(session, &setting, &step, NULL), SKD_OK);
+    assert_int_equal(step->count, 1);
+    skd_step_release(step);
+    skd_session_destroy(session);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -256,8 +382,12 @@ int main(void)
         cmocka_unit_test(seams_survive_one_huge_ring),
         cmocka_unit_test(history_goes_back_and_forth),
         cmocka_unit_test(history_forgets_the_oldest),
+        cmocka_unit_test(history_tells_what_a_push_will_leave),
         cmocka_unit_test(stroke_refuses_bad_input),
         cmocka_unit_test(stroke_moves_twins_and_is_undone_to_the_bit),
+        cmocka_unit_test(setting_refuses_bad_rows),
+        cmocka_unit_test(setting_keeps_good_rows_and_takes_twins_along),
+        cmocka_unit_test(setting_leaves_twins_alone_that_it_must),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

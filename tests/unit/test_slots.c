@@ -196,6 +196,49 @@ static void only_bones_of_the_own_skin_are_taken(void **state)
     }
 }
 
+static double sum_of(const float *weights, int count)
+{
+    double sum = 0;
+    for (int i = 0; i < count; i++)
+        sum += (double)weights[i];
+    return sum;
+}
+
+/* Random rows that sum to nearly one: scaled they sum to one, keep their proportions, and come out
+ * the same when they are scaled again; good ones are not touched. */
+static void rows_are_normalised_once(void **state)
+{
+    (void)state;
+    const uint16_t joints[8] = {3, 1, EMPTY, 0, 2, EMPTY, 4, 5};
+    srand(5);
+    for (int round = 0; round < 20000; round++) {
+        const int n = round % 2 != 0 ? 8 : 4;
+        float row[8] = {0}, before[8], once[8];
+        for (int i = 0; i < n; i++)
+            row[i] = joints[i] == EMPTY || rand() % 4 == 0 ? 0.0F : (float)rand() / (float)RAND_MAX;
+        row[0] += 0.01F;
+        const double wanted = 1 + 1e-3 * ((double)rand() / RAND_MAX * 2 - 1);
+        const double sum = sum_of(row, n);
+        for (int i = 0; i < n; i++)
+            row[i] = (float)((double)row[i] / sum * wanted);
+        memcpy(before, row, sizeof row);
+        skd_slots_normalise(n, joints, row);
+        assert_true(fabs(sum_of(row, n) - 1) <= 1e-7);
+        for (int i = 0; i < n; i++) {
+            assert_true(row[i] >= 0 && (joints[i] != EMPTY || row[i] == 0));
+            const double exact = (double)before[i] / sum_of(before, n);
+            assert_true(fabs((double)row[i] - exact) <= 2e-7);
+        }
+        memcpy(once, row, sizeof row);
+        skd_slots_normalise(n, joints, row);
+        assert_memory_equal(row, once, sizeof row);
+    }
+    float good[4] = {0.3F, 0.7F - 0x1p-25F, 0, 5e-10F}, kept[4];
+    memcpy(kept, good, sizeof good);
+    skd_slots_normalise(4, joints, good);
+    assert_memory_equal(good, kept, sizeof good);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -205,6 +248,7 @@ int main(void)
         cmocka_unit_test(infection_spreads_along_edges),
         cmocka_unit_test(neighbours_come_ring_after_ring),
         cmocka_unit_test(only_bones_of_the_own_skin_are_taken),
+        cmocka_unit_test(rows_are_normalised_once),
     };
     return cmocka_run_group_tests_name("slots", tests, NULL, NULL);
 }
