@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What any Python tool needs to talk to skind: the wire, and a link over a Unix socket.
+"""What any Python tool needs to talk to skind: the wire, a link for scripts, a channel for loops.
 
 No bpy in here; NumPy is the only need.
 """
 
-from .link import Exchange, Link, default_socket_path
+from .channel import Channel
+from .exchange import Exchange
+from .launch import Launcher
+from .link import Link, default_socket_path
 from .wire import (
     Decoder,
     Message,
@@ -16,8 +19,10 @@ from .wire import (
 )
 
 __all__ = [
+    "Channel",
     "Decoder",
     "Exchange",
+    "Launcher",
     "Link",
     "Message",
     "SkindError",

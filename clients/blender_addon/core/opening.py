@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How a Sculpt gets its session: made from the tool's rig, joined, or resumed after a loss.
+
+Each is a conversation with the daemon, written in one piece (see Sculpt.follow).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Generator
+
+import numpy as np
+
+from . import skin
+from .rig import Y_UP, Rig, Space
+from .sculpt import Sculpt, Talk
+from .wire import SkindError
+
+NAME_BYTES_MAX = 64
+SAME_PLACE = 1e-5  # of the size: how far a vertex may be off and still be the same
+
+
+def session_name(wish: str, attempt: int = 1) -> str:
+    """A session's name from any text: letters, digits, `.`, `_` and `-`, numbered from 2 on."""
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "-", wish).strip(".-") or "session"
+    tail = "" if attempt == 1 else f"-{attempt}"
+    return plain[:NAME_BYTES_MAX - len(tail)] + tail
+
+
+def create(sculpt: Sculpt, wish: str, influences: int, reduce: bool) -> None:
+    """Makes a session from the tool's rig; its phase is `ready` when the slots are known."""
+    sculpt.phase = "creating"
+    sculpt.problem = sculpt.reason = ""
+    sculpt.creation = {"influences": influences, "reduce": "largest" if reduce else "refuse"}
+    sculpt.follow(_create(sculpt, wish))
+
+
+def join(sculpt: Sculpt, name: str) -> None:
+    """Joins a session that is there. Ends with a reason if it is of another mesh."""
+    sculpt.phase = "joining"
+    sculpt.problem = sculpt.reason = ""
+    sculpt.name = name
+    sculpt.follow(_join(sculpt))
+
+
+def resume(sculpt: Sculpt) -> None:
+    """After the connection came back: goes on where it was, in a new session if need be."""
+    sculpt.phase = "resuming"
+    sculpt.follow(_resume(sculpt))
+
+
+def leave(sculpt: Sculpt) -> None:
+    """Lets the session go; closes it if it is ours and nobody else is there."""
+    if sculpt.phase == "ready":
+        sculpt.follow(_leave(sculpt))
+    sculpt.end("")
+
+
+def _create(sculpt: Sculpt, wish: str) -> Talk:
+    params = {**sculpt.rig.params(), **sculpt.creation}
+    for attempt in range(1, 100):
+        sculpt.name = session_name(wish, attempt)
+        try:
+            made = yield "session.create", {"name": sculpt.name, **params}
+        except SkindError as error:
+            if error.name != "name_taken":
+                raise
+        else:
+            break
+    else:
+        raise SkindError(0, "name_taken", f"a hundred sessions are called \"{wish}\"",
+                         "rename the object")
+    sculpt.is_ours = True
+    sculpt.length, sculpt.notes, sculpt.slots = made["length"], made["notes"], made["slots"]
+    yield from _attach(sculpt)
+
+
+def _attach(sculpt: Sculpt) -> Talk:
+    yield "session.attach", {}
+    held = yield "weights.get", {}
+    if sculpt.phase == "ended":  # left while it was being opened
+        yield from _leave(sculpt)
+    else:
+        sculpt.adopt(held)
+
+
+def _join(sculpt: Sculpt) -> Talk:
+    info = yield "session.info", {}
+    mesh = yield "mesh.get", {}
+    sculpt.length, sculpt.notes = info["length"], info["notes"]
+    sculpt.source = info["source"]
+    sculpt.space = match(sculpt.rig, info, mesh)
+    sculpt.creation = {"influences": info["influences"], "reduce": "largest"}
+    yield from _attach(sculpt)
+
+
+def match(rig: Rig, info: dict, mesh: dict) -> Space:
+    """How a session is this rig. Raises SkindError with the reason when it is another."""
+    def refuse(why: str) -> SkindError:
+        return SkindError(0, "another_mesh", f"session \"{info['session']}\" is not of this mesh: "
+                          + why, "open the mesh that it was made from")
+
+    if info["vertices"] != len(rig.positions):
+        raise refuse(f"it has {info['vertices']} vertices, and the mesh {len(rig.positions)}")
+    names = [bone["name"] for bone in info["bones"]]
+    missing = [name for name in names if name not in set(rig.names)]
+    if missing:
+        raise refuse(f"the armature has no deforming bone \"{missing[0]}\"")
+    near = SAME_PLACE * max(info["length"], np.finfo(np.float32).tiny)
+    for turn in (np.eye(4), Y_UP):
+        turned = rig.positions @ turn[:3, :3].T
+        if np.abs(turned - mesh["positions"]).max() <= near:
+            return Space(rig, names, mesh["inverse_binds"].reshape(-1, 4, 4), turn)
+    raise refuse("its vertices are in other places")
+
+
+def _resume(sculpt: Sculpt) -> Talk:
+    try:
+        yield "session.attach", {}
+    except SkindError as error:
+        if error.name != "no_session":
+            raise
+        sculpt.must_tell = True  # stays until it is done, over further losses
+        yield from _create_again(sculpt)
+    held = yield "weights.get", {}
+    if held["joints"].shape != sculpt.held_joints.shape or (
+            held["joints"] != sculpt.held_joints).any():
+        sculpt.end(f"session \"{sculpt.name}\" is another one now; Finish, and Start again")
+        return
+    if sculpt.must_tell:
+        held = yield from _tell(sculpt, held)
+    if sculpt.phase == "ended":  # left meanwhile
+        yield from _leave(sculpt)
+    else:
+        sculpt.catch_up(held)
+        sculpt.resumed()
+
+
+def _create_again(sculpt: Sculpt) -> Talk:
+    made_from = {"file": sculpt.source} if sculpt.source else sculpt.rig.params()
+    try:
+        yield "session.create", {"name": sculpt.name, **made_from, **sculpt.creation}
+    except SkindError as error:
+        if error.name != "name_taken":  # another tool was faster
+            raise
+    yield "session.attach", {}
+
+
+def _tell(sculpt: Sculpt, held: dict) -> Generator[tuple[str, dict], dict, dict]:
+    """The daemon knows the start; what was answered since is ours to tell. What it holds then."""
+    ahead = skin.differing(held["weights"], sculpt.truth)
+    if len(ahead):
+        yield "weights.set", {"vertices": ahead, "weights": sculpt.truth[ahead]}
+        held = yield "weights.get", {}  # others may have been at work since
+    sculpt.must_tell = False
+    return held
+
+
+def _leave(sculpt: Sculpt) -> Talk:
+    try:
+        yield "session.detach", {}
+        if sculpt.is_ours:
+            listed = yield "session.list", {}
+            mine = [each for each in listed["sessions"] if each["session"] == sculpt.name]
+            if mine and mine[0]["attached"] == 0:
+                yield "session.close", {}
+    except SkindError:
+        pass  # it is gone already, or goes when skind is no longer needed

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a session is made from, and the spaces that a tool's mesh and a session's may differ in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .skin import NO_BONE, deformations
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A tool's skinned mesh. Positions and binds are in one space, the mesh's.
+
+    positions f32 [V,3], triangles u32 [T,3]; bones: names, parents i32 [B] (-1: none), binds
+    f64 [B,4,4], bone to mesh at rest; influences of vertex v: offsets[v] to offsets[v + 1] of
+    joints u16 and weights f32; unweighted bool [V]: what no bone moves, and no stroke can.
+    """
+
+    positions: np.ndarray
+    triangles: np.ndarray
+    names: list[str]
+    parents: np.ndarray
+    binds: np.ndarray
+    offsets: np.ndarray
+    joints: np.ndarray
+    weights: np.ndarray
+    unweighted: np.ndarray
+
+    def params(self) -> dict:
+        """As session.create takes it."""
+        return {"positions": self.positions, "triangles": self.triangles,
+                "bones": {"names": self.names, "parents": self.parents, "binds": self.binds},
+                "influence_offsets": self.offsets, "influence_joints": self.joints,
+                "influence_weights": self.weights}
+
+
+# How Blender and others with z up show a glTF file, which has y up: (x, y, z) -> (x, -z, y).
+Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+class Space:
+    """A session's bones and axes as the tool's.
+
+    turn f64 [4,4]: mesh space to the session's. bones i64 [b]: which of the tool's bones each of
+    the session's is. A session made from the tool's own rig has both as they are.
+    """
+
+    def __init__(self, rig: Rig, names: list[str] | None = None,
+                 inverse_binds: np.ndarray | None = None, turn: np.ndarray | None = None) -> None:
+        self.names = rig.names if names is None else names
+        self.bones = np.array([rig.names.index(name) for name in self.names], np.int64)
+        self._own = rig.binds
+        self._binds = rig.binds if inverse_binds is None else np.linalg.inv(inverse_binds)
+        self.turn = np.eye(4) if turn is None else turn
+        self._is_own = names is None
+
+    def pose(self, pose: np.ndarray) -> np.ndarray:
+        """The tool's pose [B,4,4], bone to mesh, as the session's pose [b,4,4].
+
+        Bones may point elsewhere in either at rest, so what is kept is how each deforms:
+        pose' = T D T^-1 bind'.
+        """
+        if self._is_own:
+            return pose
+        moves = deformations(pose, self._own)[self.bones]
+        return self.turn @ moves @ np.linalg.inv(self.turn) @ self._binds
+
+    def points(self, points: np.ndarray) -> np.ndarray:
+        """Points f32 [n,3] of mesh space in the session's."""
+        return points if self._is_own else (points @ self.turn[:3, :3].T).astype(np.float32)
+
+    def joints(self, joints: np.ndarray) -> np.ndarray:
+        """The session's joints u16 [n,N] as indexes of the tool's bones."""
+        if self._is_own:
+            return joints
+        theirs = np.full(NO_BONE + 1, NO_BONE, np.uint16)
+        theirs[:len(self.bones)] = self.bones
+        return theirs[joints]
