@@ -89,6 +89,8 @@ def _join(sculpt: Sculpt) -> Talk:
     mesh = yield "mesh.get", {}
     sculpt.length, sculpt.notes = info["length"], info["notes"]
     sculpt.source = info["source"]
+    # What tools made from arrays ends with the last of them; what a file holds has its own life.
+    sculpt.is_ours = not sculpt.source
     sculpt.space = match(sculpt.rig, info, mesh)
     sculpt.creation = {"influences": info["influences"], "reduce": "largest"}
     yield from _attach(sculpt)
@@ -126,6 +128,8 @@ def _resume(sculpt: Sculpt) -> Talk:
     if held["joints"].shape != sculpt.held_joints.shape or (
             held["joints"] != sculpt.held_joints).any():
         sculpt.end(f"session \"{sculpt.name}\" is another one now; Finish, and Start again")
+        sculpt.is_ours = sculpt.must_tell  # what we made just now; anything else is another's
+        yield from _leave(sculpt)
         return
     if sculpt.must_tell:
         held = yield from _tell(sculpt, held)

@@ -12,22 +12,17 @@ from .skin import NO_BONE, deformations
 
 @dataclass(frozen=True)
 class Rig:
-    """A tool's skinned mesh. Positions and binds are in one space, the mesh's.
+    """A tool's skinned mesh. B bones, V vertices, E influences; all in one space, the mesh's."""
 
-    positions f32 [V,3], triangles u32 [T,3]; bones: names, parents i32 [B] (-1: none), binds
-    f64 [B,4,4], bone to mesh at rest; influences of vertex v: offsets[v] to offsets[v + 1] of
-    joints u16 and weights f32; unweighted bool [V]: what no bone moves, and no stroke can.
-    """
-
-    positions: np.ndarray
-    triangles: np.ndarray
-    names: list[str]
-    parents: np.ndarray
-    binds: np.ndarray
-    offsets: np.ndarray
-    joints: np.ndarray
-    weights: np.ndarray
-    unweighted: np.ndarray
+    positions: np.ndarray  # f32 [V,3] rest, the tool's own bits
+    triangles: np.ndarray  # u32 [T,3]
+    names: list[str]  # bones that deform, parents before children
+    parents: np.ndarray  # i32 [B] nearest deforming ancestor, -1: none
+    binds: np.ndarray  # f64 [B,4,4] bone at rest -> mesh space
+    offsets: np.ndarray  # u32 [V+1] influences of vertex v: offsets[v]:offsets[v + 1]
+    joints: np.ndarray  # u16 [E]
+    weights: np.ndarray  # f32 [E] as painted, not normalised; no zeros
+    unweighted: np.ndarray  # bool [V] too little weight: no bone moves these, and no stroke can
 
     def params(self) -> dict:
         """As session.create takes it."""

@@ -33,6 +33,7 @@ Talk = Generator[tuple[str, dict], dict, None]  # yields requests, is sent their
 
 GONE = ("lost", "shutting_down")  # errors of a daemon that goes; what was asked is asked again
 SUM_SLACK = 1e-7  # weights.set keeps rows to the bit that sum to one so nearly
+NONE = np.empty(0, np.uint32)  # vertices
 
 
 @dataclass(eq=False)
@@ -312,14 +313,14 @@ class Sculpt:
             self._done.append(self._undone.pop() if self._undone else Entry())
         self.arrived.append(Arrival(cause, params["client"], vertices, rows, entry))
 
-    def _resync(self) -> None:
+    def _resync(self, scaled: np.ndarray = NONE) -> None:
         def done(result: dict | None, error: SkindError | None) -> None:
             if result is not None:
-                self.catch_up(result)
+                self.catch_up(result, scaled)
         self._change("weights.get", {}, done)
 
-    def catch_up(self, held: dict) -> None:
-        """All of the daemon's weights were fetched: what is new in them arrives.
+    def catch_up(self, held: dict, scaled: np.ndarray = NONE) -> None:
+        """All of the daemon's weights were fetched: what is new in them arrives, `scaled` anyway.
 
         But not where the tool is ahead, nor what may be from a stroke that is asked for again.
         """
@@ -327,6 +328,7 @@ class Sculpt:
         new = skin.differing(held["weights"], self.truth)
         for known in self._led + [each.vertices for each in self.pending if each.in_doubt]:
             new = np.setdiff1d(new, known)
+        new = np.union1d(new, scaled)
         self.truth[:] = held["weights"]
         if len(new):
             self.arrived.append(Arrival("resync", "", new, self.truth[new]))
@@ -455,10 +457,11 @@ class Sculpt:
                 self.revision = max(self.revision, result["revision"])
                 self.truth[vertices] = rows
                 self._remember(Entry())
-                self._led.append(vertices)  # another's change may arrive on top of these
                 sums = rows.sum(axis=1, dtype=np.float64)
                 if result["vertices"] != len(vertices) or (abs(sums - 1) > SUM_SLACK).any():
-                    self._resync()  # twins went with them, or rows were scaled
+                    self._resync(vertices)  # twins went with them, or rows were scaled
+                else:
+                    self._led.append(vertices)  # another's change may arrive on top of these
             elif error.name in GONE:
                 self._led.append(vertices)
             else:
