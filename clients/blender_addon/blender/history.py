@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""After Blender's own undo and redo: which state are we in, and which strokes are no more?
+
+Blender has put back the mesh, weights and marks by itself. What is left is to follow: our copy of
+the weights, the strokes that wait for an answer, and through them the daemon.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..core import skin
+from . import mesh, session, undo, weights
+
+
+@bpy.app.handlers.persistent
+def _moved(*_: object) -> None:
+    live = session.current()
+    if undo.is_ours() or live is None or live.layout is None:
+        return
+    try:
+        follow(live)
+    except Exception as error:  # a handler that raises is lost for good
+        session.tell(f"could not follow the undo: {error!r}; please report it")
+
+
+def follow(live: session.Session) -> None:
+    """Brings a session to the state that its mesh is in."""
+    live.landing.abort()
+    obj = live.object()
+    live.is_outside = obj is None or obj.data.get(mesh.SESSION) != live.sculpt.name
+    live.shown_before = False
+    if live.is_outside:
+        _drop_after(live, 0)
+        session.tell("Undone to before the session began: redo to go on, or Cancel.")
+        return
+    live.topology.doubt()
+    if not live.is_whole:
+        return
+    _follow_weights(live, obj.data.get(mesh.STATE, 0))
+    _follow_shape(live, mesh.read_positions(obj.data))
+
+
+def _follow_weights(live: session.Session, state: int) -> None:
+    sculpt = live.sculpt
+    if state != sculpt.steps.live and sculpt.moved(state) is None:
+        # Too long ago for our log: the mesh itself tells.
+        everything = np.arange(sculpt.vertices, dtype=np.uint32)
+        rows = weights.read_rows(live.object_name, live.layout, everything)
+        rows[sculpt.rig.unweighted] = sculpt.weights[sculpt.rig.unweighted]
+        differing = skin.differing(rows, sculpt.weights)
+        step = sculpt.painted(differing, rows[differing])
+        live.object().data[mesh.STATE] = step.id
+
+
+def _follow_shape(live: session.Session, shape: np.ndarray) -> None:
+    """The strokes up to the one that left this shape still wait; those after it were undone."""
+    pending = live.sculpt.pending
+    shapes = [live.sculpt.rig.positions] + [stroke.host for stroke in pending]
+    for left in reversed(range(len(shapes))):
+        if len(skin.differing(shape, shapes[left])) == 0:
+            _drop_after(live, left)
+            return
+    live.solve()  # a redo brought back a stroke whose answer was dropped
+
+
+def _drop_after(live: session.Session, left: int) -> None:
+    if live.sculpt is None:
+        return
+    for stroke in reversed(live.sculpt.pending[left:]):
+        live.sculpt.drop(stroke)
+
+
+def register() -> None:
+    bpy.app.handlers.undo_post.append(_moved)
+    bpy.app.handlers.redo_post.append(_moved)
+
+
+def unregister() -> None:
+    bpy.app.handlers.undo_post.remove(_moved)
+    bpy.app.handlers.redo_post.remove(_moved)

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How answers come into the mesh so that nothing flashes and one Ctrl+Z undoes one stroke.
+
+Blender's undo holds a stroke as a step of its own: the sculpted rest shape. Once the weights are
+there that step must go, or an undo would show sculpted shape and new weights together:
+
+    prepare the rows           in slices; nothing is changed yet
+    undo the strokes' steps    the shape is at rest again (this puts back all of the mesh)
+    write the weights          in one piece with the undo: nothing is drawn in between
+    mark the state, push       one step of undo a change
+
+Where other steps have come on top of a stroke (a change of mode, say), undoing would take back the
+wrong ones. Then the shape is written instead, and one press of Ctrl+Z more is needed there.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..core.sculpt import Arrival
+from . import jobs, mesh, undo, weights
+
+TITLES = {"undo": "Undo", "redo": "Redo", "set": "Weights"}
+
+
+class Landing:
+    """Of one session. What has arrived waits until all strokes under way are answered."""
+
+    def __init__(self, session) -> None:
+        self._session = session
+        self._job: jobs.Job | None = None
+
+    def shape(self) -> np.ndarray:
+        """f32 [V,3]: the rest shape as of the last stroke that waits, else the rest shape."""
+        pending = self._session.sculpt.pending
+        return pending[-1].host if pending else self._session.sculpt.rig.positions
+
+    def begin_when_due(self) -> None:
+        if jobs.current() is None and self.is_due:
+            self._job = self._session.run(self.land(), "Showing")
+
+    @property
+    def is_due(self) -> bool:
+        sculpt = self._session.sculpt
+        return (sculpt.is_settled and not self._session.shown_before
+                and bool(sculpt.arrived or sculpt.pending))
+
+    def land(self):
+        """Job: shows what has arrived, in order, each as a step of undo."""
+        try:
+            yield from self._land()
+        except weights.MeshChanged:  # nothing is lost: what arrived waits for the next landing
+            yield from self._session.mend()
+
+    def _land(self):
+        session, sculpt = self._session, self._session.sculpt
+        arrivals, strokes = list(sculpt.arrived), len(sculpt.pending)
+        batches = []
+        for arrival in arrivals:
+            batches.append((yield from weights.prepare_rows(
+                session.object_name, session.layout, arrival.vertices, arrival.rows)))
+            sculpt.measure(arrival)
+            yield None
+        # From here on in one piece: nothing is drawn in between.
+        self._take_back_shape(strokes)
+        for stroke in [each for each in sculpt.pending if each.error is not None]:
+            sculpt.pending.remove(stroke)
+            session.tell(f"The stroke was refused: {stroke.error}")
+        for arrival, batch in zip(arrivals, batches):
+            weights.write_batch(session.object_name, session.layout, batch)
+            self._show(arrival)
+
+    def _show(self, arrival: Arrival) -> None:
+        session, sculpt = self._session, self._session.sculpt
+        sculpt.arrived.remove(arrival)
+        step = sculpt.show(arrival)
+        data = session.object().data
+        data[mesh.STATE] = step.id
+        data.update()
+        if arrival.stroke is not None:
+            title = "Sculpt Weights"
+        else:
+            title = f"{TITLES.get(arrival.cause, 'Stroke')} by {arrival.client or 'others'}"
+            session.tell(title)
+        undo.push(f"Skind: {title}")
+
+    def _take_back_shape(self, strokes: int) -> None:
+        obj, rest = self._session.object(), self._session.sculpt.rig.positions
+        if strokes == 0:
+            return
+        if obj.mode == 'SCULPT' and undo.take_back(
+                strokes, lambda: _is_at(self._session.object(), rest)):
+            return
+        mesh.write_positions(self._session.object().data, rest)
+
+    def is_doing(self, job: jobs.Job) -> bool:
+        return job is self._job
+
+    def finish(self) -> None:
+        """Ends what is under way, at once: the next stroke begins."""
+        while self._job is not None and not self._job.is_over:
+            self._job.step()
+
+    def abort(self) -> None:
+        """Gives up a landing that is under way; what has arrived stays where it is."""
+        if self._job is not None:
+            self._job.cancel()
+
+    def put_back(self) -> None:
+        """The mesh as it is without the strokes that wait: whole, with the weights answered."""
+        session = self._session
+        self.abort()
+        if session.layout is None or session.is_outside or not session.is_whole:
+            return
+        session.show(False)
+        if not _is_at(session.object(), session.sculpt.rig.positions):
+            mesh.write_positions(session.object().data, session.sculpt.rig.positions)
+
+
+def _is_at(obj: bpy.types.Object, positions: np.ndarray) -> bool:
+    return np.array_equal(mesh.read_positions(obj.data), positions)

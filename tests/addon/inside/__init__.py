@@ -1,0 +1,1 @@
+"""Functions that run inside Blender; driver.py imports them, tests name them."""
