@@ -8,13 +8,14 @@ know; this module owns only what playing the clip changed in the scene, and puts
 
 from __future__ import annotations
 
-import traceback
 from dataclasses import dataclass
+from functools import partial
 
 import bpy
 import gpu
 
 from . import drawing, rig, session
+from .properties import redraw_views
 
 HOLD_KEY = 'Y'
 # What still does its work while the key is held: looking around, and playing.
@@ -32,7 +33,7 @@ def _show(before: bool) -> None:
     live = session.current()
     if live is not None:
         live.show(before)
-    drawing.redraw()
+    redraw_views()
 
 
 class SKIND_OT_compare(bpy.types.Operator):
@@ -194,7 +195,7 @@ def _watch() -> float | None:
     if _clip is not None and any(window.screen.is_animation_playing for window in windows):
         return WATCH_S
     _put_back()
-    drawing.redraw()
+    redraw_views()
     return None
 
 
@@ -219,8 +220,7 @@ def _draw_word() -> None:
         finally:
             gpu.state.blend_set('NONE')
     except Exception as error:
-        traceback.print_exception(error)
-        session.tell(f"the word Before or After cannot be drawn: {error!r}")
+        session.fault(error)
 
 
 def draw_word(context: bpy.types.Context, before: bool) -> None:
@@ -250,18 +250,14 @@ def _set_held(_, is_pressed: bool) -> None:
 
     Calling the operator from within the button would press it again, without an end.
     """
-    if is_pressed and _is_ready() and not bpy.app.timers.is_registered(_hold):
-        bpy.app.timers.register(_hold, first_interval=0.0)
+    if is_pressed and _is_ready():
+        bpy.app.timers.register(partial(_hold, bpy.context.window), first_interval=0.0)
 
 
-def _hold() -> None:
-    """A timer's function, once: has no window in its context."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == 'VIEW_3D':
-                with bpy.context.temp_override(window=window, area=area):
-                    bpy.ops.skind.compare('INVOKE_DEFAULT', button='LEFTMOUSE')
-                return
+def _hold(window: bpy.types.Window) -> None:
+    """A timer's function, once; a timer's context has no window."""
+    with bpy.context.temp_override(window=window):
+        bpy.ops.skind.compare('INVOKE_DEFAULT', button='LEFTMOUSE')
 
 
 def draw_buttons(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

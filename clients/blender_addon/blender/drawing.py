@@ -96,11 +96,3 @@ def free_area(area: bpy.types.Area, region: bpy.types.Region) -> tuple[int, int,
         elif other.alignment == 'BOTTOM':
             bottom = max(bottom, y + other.height)
     return left, bottom, right, top
-
-
-def redraw() -> None:
-    """Asks for every 3D viewport to be drawn again."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == 'VIEW_3D':
-                area.tag_redraw()

@@ -20,6 +20,7 @@ from mathutils import Matrix
 
 from ..core import colours, skin
 from . import drawing, jobs, mesh, session
+from .properties import redraw_views
 
 SLICE = 2000  # vertices: well below 1 ms of work
 DRAW_BUDGET_S = 0.006  # of a redraw; what is left of a painting is done by the timer
@@ -215,7 +216,7 @@ def _finish_later() -> Generator[None, None, None]:
             _state.shown, _state.work = _state.work, None
             break
         yield
-    drawing.redraw()
+    redraw_views()
 
 
 def _job_ended(error: Exception | None) -> None:

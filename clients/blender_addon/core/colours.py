@@ -23,7 +23,7 @@ import numpy as np
 from .skin import LEAST_SUM, NO_BONE
 
 STOPS = 256
-NONE = (0.46, 0.46, 0.46)  # has no value: never sculpted, not reached, no influence
+NONE = (0.46, 0.46, 0.46)  # has no value: not sculpted, not changed, not reached, no influence
 COUNT_COLOURS = {  # of vertices with so many influences; 5 stands for more
     0: NONE,
     1: (0.79, 0.09, 0.13),
@@ -33,7 +33,7 @@ COUNT_COLOURS = {  # of vertices with so many influences; 5 stands for more
     5: (0.10, 0.27, 0.80),
 }
 # Lightness, chroma, hue in degrees (OKLCh), evenly spaced along the ramp.
-HEAT_KNOTS = ((0.30, 0.12, 280), (0.46, 0.18, 310), (0.62, 0.20, 372), (0.79, 0.145, 420),
+HEAT_KNOTS = ((0.30, 0.12, 280), (0.46, 0.165, 310), (0.64, 0.18, 372), (0.80, 0.14, 420),
               (0.96, 0.09, 467))
 SHARE_KNOTS = ((0.32, 0.05, 265), (0.47, 0.07, 230), (0.63, 0.10, 185), (0.80, 0.155, 145),
                (0.96, 0.13, 110))
@@ -166,7 +166,7 @@ class Legend:
 
 
 def _percent(part: float) -> str:
-    return f"{part * 100:.4g} %"
+    return f"{part * 100:.3g} %"
 
 
 def residual_legend(top: float, largest: float, as_length: Callable[[float], str]) -> Legend:
@@ -178,7 +178,7 @@ def residual_legend(top: float, largest: float, as_length: Callable[[float], str
 
 def change_legend(top: float, largest: float) -> Legend:
     return Legend("Weight moved to other bones", f"since Start, at most {_percent(largest)}", SHARE,
-                  ("0 %", _percent(top / 2), _percent(top)))
+                  ("0 %", _percent(top / 2), _percent(top)), ((NONE, "not changed"),))
 
 
 def reach_legend(bone: str) -> Legend:
