@@ -59,7 +59,8 @@ def check_program(path: Path, wanted: str) -> None:
 def files(programs: Path) -> dict[str, Path]:
     """What goes in: its path in the zip, and the file."""
     own = [HERE / "__init__.py", HERE / "blender_manifest.toml", HERE / "LICENSE",
-           HERE / "README.md", *(HERE / "core").glob("**/*.py"), *(HERE / "blender").glob("**/*.py")]
+           HERE / "README.md", *(HERE / "core").glob("**/*.py"),
+           *(HERE / "blender").glob("**/*.py")]
     result = {f"{NAME}/{path.relative_to(HERE).as_posix()}": path for path in own}
     for name in PROGRAMS:
         result[f"{NAME}/bin/{name}"] = programs / name

@@ -1,13 +1,16 @@
-"""Enabling and disabling without leftovers, and which options go to which daemon."""
+"""Enabling and disabling without leftovers, the panel's states, and which options are sent."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Iterator
 
 import pytest
 
-from blenders import ADDON, Blender
+from blenders import ADDON, Blender, Window
 from core import options
+from daemons import Daemon
 
 EVERYTHING = frozenset(capability for capability, _ in options.NEEDS.values())
 HELLO = {"server": {"name": "skind", "version": "0.1.0"}, "capabilities": ["locks"]}
@@ -24,6 +27,27 @@ def test_enabled_twice_nothing_is_left(blender: Blender) -> None:
     assert "Scene.skind" in enabled["properties"]
     assert again == enabled
     assert between == after == before
+
+
+@pytest.fixture
+def tall(folder: Path) -> Iterator[Window]:
+    """A window with room for the whole panel."""
+    instance = Window(folder, screen=(900, 1150))
+    yield instance
+    instance.close()
+
+
+def test_the_panel_draws_each_state(tall: Window, daemon: Daemon, tmp_path: Path) -> None:
+    # A fault while drawing prints a traceback, which fails the job; nothing else would show it.
+    seen = tall.run("panels.states", str(tmp_path))
+    assert "has shape keys" in seen["shown"][0]
+    assert seen["shown"][0] in seen["reported"]
+    assert seen["forgotten"] == []
+    assert seen["last"]["revision"] == 1
+    assert seen["notes"] == ["weights_normalised"]
+    pictures = {path.stem: path.read_bytes() for path in tmp_path.glob("*.png")}
+    assert set(pictures) == {"idle", "refused", "connected", "sculpting"}
+    assert len(set(pictures.values())) == 4
 
 
 @pytest.mark.parametrize(("changed", "capabilities", "locked", "sent"), [

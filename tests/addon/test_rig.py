@@ -133,11 +133,10 @@ def test_broken_snapshots(blender: Blender) -> None:
     assert found["tried"] > 100
 
 
-def test_pieces_are_small(blender: Blender) -> None:
-    """Generous: other processes may run. Measured alone, pieces take about a millisecond."""
-    found = blender.run("rigging.times", 20000, 10000)
-    assert all(longest < 50 for _, longest in found.values()), found
-    assert found["write"][0] < 60, found
+def test_work_comes_in_pieces(blender: Blender) -> None:
+    """Of 500 vertices and less, so that Blender lives meanwhile; test_pen.py has the time."""
+    found = blender.run("rigging.pieces", 20000)
+    assert min(found.values()) >= 20000 / 500, found
 
 
 def test_refusals(blender: Blender) -> None:

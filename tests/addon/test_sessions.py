@@ -26,7 +26,7 @@ REACHED = 1e-3  # of the length: what weights can do is done, this well
 SAME = 1e-6  # of the length: float32 of a shape computed in two ways
 EXPORTED = 1e-4  # Blender's exporter leaves out weights up to this
 GONE_SECONDS = 10.0  # within this the daemon that nobody needs is gone
-EXIT_SECONDS = 1.0  # and Blender itself, once it was told to quit
+EXIT_SECONDS = 10.0  # a hang takes longer, however busy the machine is
 
 needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the shared assets are not here")
 
@@ -174,8 +174,7 @@ def test_quitting_leaves_no_orphan(artists: Blender, how: str) -> None:
     wait_for(job.output)
     begun = time.monotonic()
     facts = job.result()
-    # Blender's own end takes a part of a second; the add-on waits for the daemon for half of one.
-    assert time.monotonic() - begun < EXIT_SECONDS + 1.0
+    assert time.monotonic() - begun < EXIT_SECONDS
     assert facts["started"]
     if how == "quit":
         assert wait_until_none(artists.socket) == []

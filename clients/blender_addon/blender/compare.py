@@ -267,11 +267,11 @@ def draw_buttons(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     column.enabled = _is_ready()
     column.prop(context.window_manager, "skind_hold_before", toggle=True, icon='HIDE_OFF',
                 text=f"Hold to See Before ({HOLD_KEY})")
-    row = column.row(align=True)
-    row.operator("skind.show_before", icon='ARROW_LEFTRIGHT',
-                 depress=live is not None and live.shown_before)
-    row.operator("skind.play_clip", text="Stop" if is_playing() else "Play the Clip",
-                 icon='PAUSE' if is_playing() else 'PLAY')
+    # One below the other: beside each other they do not fit into a sidebar of the usual width.
+    column.operator("skind.show_before", icon='ARROW_LEFTRIGHT',
+                    depress=live is not None and live.shown_before)
+    column.operator("skind.play_clip", text="Stop" if is_playing() else "Play the Clip",
+                    icon='PAUSE' if is_playing() else 'PLAY')
 
 
 CLASSES = (SKIND_OT_compare, SKIND_OT_show_before, SKIND_OT_play_clip)

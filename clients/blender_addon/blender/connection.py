@@ -15,7 +15,7 @@ from ..core.channel import Channel
 from ..core.launch import Launcher
 from . import preferences
 
-FAREWELL_S = 0.5
+FAREWELL_S = 2.0  # only a daemon that does not answer costs it
 
 _channel: Channel | None = None
 _launcher: Launcher | None = None
@@ -72,7 +72,7 @@ def available() -> list[dict]:
 def close() -> None:
     """Ends the connection, and the daemon with it if we started it and nobody else needs it.
 
-    The one place that waits, for half a second at most: Blender is quitting, or the add-on ends.
+    The one place that waits, for FAREWELL_S at most: Blender is quitting, or the add-on ends.
     """
     global _channel, _launcher
     if _channel is None:

@@ -13,17 +13,18 @@ from typing import Iterator
 
 import bpy
 
-from . import jobs, rig
+from . import connection, jobs, rig
+from .messages import tell
 
 
 def export(session, path: str):
     """Job: writes the file, and tells where it is."""
     yield from session.settle()
     if session.sculpt.source:
-        if session.channel().state != "ready":
+        if connection.channel().state != "ready":
             raise jobs.Refused("skind is not connected: it alone can write this file")
         answers: list = []
-        session.channel().request("session.export", {"session": session.sculpt.name, "path": path},
+        connection.channel().request("session.export", {"session": session.sculpt.name, "path": path},
                                   lambda *answer: answers.append(answer))
         while not answers:
             yield jobs.WAIT
@@ -33,7 +34,7 @@ def export(session, path: str):
         path = result["path"]
     else:
         yield from _by_blender(session, path)
-    session.tell(f"Wrote {path}, {os.path.getsize(path) / 1e6:.1f} MB.")
+    tell(f"Wrote {path}, {os.path.getsize(path) / 1e6:.1f} MB.")
 
 
 def _by_blender(session, path: str):

@@ -20,6 +20,7 @@ import numpy as np
 
 from ..core.sculpt import Arrival
 from . import jobs, mesh, undo, weights
+from .messages import tell
 
 TITLES = {"undo": "Undo", "redo": "Redo", "set": "Weights"}
 
@@ -66,7 +67,7 @@ class Landing:
         self._take_back_shape(strokes)
         for stroke in [each for each in sculpt.pending if each.error is not None]:
             sculpt.pending.remove(stroke)
-            session.tell(f"The stroke was refused: {stroke.error}")
+            tell(f"The stroke was refused: {stroke.error}")
         for arrival, batch in zip(arrivals, batches):
             weights.write_batch(session.object_name, session.layout, batch)
             self._show(arrival)
@@ -82,7 +83,7 @@ class Landing:
             title = "Sculpt Weights"
         else:
             title = f"{TITLES.get(arrival.cause, 'Stroke')} by {arrival.client or 'others'}"
-            session.tell(title)
+            tell(title)
         undo.push(f"Skind: {title}")
 
     def _take_back_shape(self, strokes: int) -> None:

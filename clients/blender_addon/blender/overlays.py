@@ -77,7 +77,7 @@ class Painting:
         yield
         for part in parts:
             # The normals' way into the pose: where a short step along them ends.
-            joints = sculpt.space.joints(sculpt.joints[part])
+            joints = sculpt.joints[part]
             rest = self.rest[part]
             posed = skin.blend(rest, joints, weights[part], matrices)
             ahead = skin.blend(rest + step * normals[part], joints, weights[part], matrices)
@@ -284,9 +284,10 @@ def _draw_legend() -> None:
     try:
         live = session.current()
         painting = _state.shown
-        if (live is None or painting is None or painting.key[:2]
-                != (id(live), context.scene.skind.overlay) or _visible_object(context, live) is None):
+        if live is None or painting is None or _visible_object(context, live) is None:
             return
+        if painting.key[:2] != (id(live), context.scene.skind.overlay):
+            return  # another overlay was chosen, and is not painted yet
         gpu.state.blend_set('ALPHA')
         try:
             draw_legend(context, painting.legend)

@@ -15,6 +15,7 @@ import blf
 import bpy
 
 from ..core import options
+from ..core.channel import NOT_RUNNING
 from . import compare, operators, session
 
 PARENT = "SKIND_PT_main"
@@ -137,12 +138,14 @@ def _draw_link(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
     if channel.state == "ready":
         server = channel.hello.get("server", {})
         words = f"skind {server.get('version', '')} is ready"
-    row = layout.row()
-    row.label(text=words, icon=icon)
-    if channel.state in ("closed", "waiting"):
-        row.operator("skind.refresh", text="Connect")
+    if channel.problem == NOT_RUNNING:  # as it should be: nobody has needed it yet
+        layout.label(text="Start also starts skind", icon='UNLINKED')
+        return
+    layout.label(text=words, icon=icon)
     if channel.problem:
         say(context, layout, channel.problem, alert=True)
+    if channel.state in ("closed", "waiting"):
+        layout.operator("skind.refresh", text="Try Again", icon='FILE_REFRESH')
 
 
 def _draw_idle(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
@@ -256,6 +259,33 @@ def _draw_work(layout: bpy.types.UILayout, job: object | None) -> None:
     row.operator("skind.cancel_work", text="", icon='X')
 
 
+# ---- seeing ----
+
+
+class SKIND_PT_seeing(_Panel, bpy.types.Panel):
+    bl_label = "Seeing"
+    bl_parent_id = PARENT
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        live = session.current()
+        return live is not None and live.layout is not None
+
+    @_guarded
+    def draw(self, context: bpy.types.Context) -> None:
+        settings, live = context.scene.skind, session.current()
+        grid = self.layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+        for overlay in OVERLAYS:
+            grid.prop_enum(settings, "overlay", overlay)
+        self.layout.prop_enum(settings, "overlay", 'NONE')
+        armature = next((modifier.object for modifier in live.object().modifiers
+                         if modifier.type == 'ARMATURE' and modifier.object is not None),
+                        None) if live.object() is not None else None
+        if settings.overlay == 'REACH' and armature is not None:
+            self.layout.prop_search(settings, "overlay_bone", armature.data, "bones", text="")
+        compare.draw_buttons(self.layout, context)
+
+
 # ---- options ----
 
 
@@ -295,16 +325,24 @@ class _Options:
         self._choice(layout.column(align=True), "residual", "Out of reach")
         self._locked()
 
+    def _can(self, option: str) -> bool:
+        # Influences are chosen before Start, and Start may be what starts skind.
+        return options.can(option, self.hello.get("capabilities", ())) or (
+            not self.hello and option.startswith("influences."))
+
     def _row(self, column: bpy.types.UILayout, option: str) -> bpy.types.UILayout:
         """A row for one option that may be greyed, the reason below it."""
         row = column.row(align=True)
-        row.enabled = options.can(option, self.hello.get("capabilities", ()))
+        row.enabled = self._can(option)
         self._why(column, option)
         return row
 
     def _why(self, column: bpy.types.UILayout, option: str) -> None:
-        if self.hello and options.reason(option, self.hello):
-            say(self.context, column, options.reason(option, self.hello))
+        reason = options.reason(option, self.hello)
+        if self.hello and reason:
+            below = column.column()
+            below.active = False
+            say(self.context, below, reason)
 
     def _choice(self, column: bpy.types.UILayout, name: str, label: str) -> None:
         """An enumeration as buttons, each greyed by itself."""
@@ -313,14 +351,14 @@ class _Options:
         for item in self.settings.bl_rna.properties[name].enum_items:
             option = f"{name}.{item.identifier}"
             cell = row.row(align=True)
-            cell.enabled = options.can(option, self.hello.get("capabilities", ()))
+            cell.enabled = self._can(option)
             cell.prop_enum(self.settings, name, item.identifier)
             self._why(column, option)
 
     def _keep(self) -> None:
         column = self.layout.column(align=True)
         self._row(column, "keep_poses").prop(self.settings, "keep_poses", slider=True)
-        if options.can("keep_poses", self.hello.get("capabilities", ())):
+        if self._can("keep_poses"):
             column.row(align=True).prop(self.settings, "keep_from", expand=True)
             if self.settings.keep_from == 'CHOSEN':
                 column.prop(self.settings, "keep_frames", text="")
@@ -341,31 +379,7 @@ class _Options:
                                       "weights as they are.")
 
 
-# ---- seeing, notes ----
-
-
-class SKIND_PT_seeing(_Panel, bpy.types.Panel):
-    bl_label = "Seeing"
-    bl_parent_id = PARENT
-
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        live = session.current()
-        return live is not None and live.layout is not None
-
-    @_guarded
-    def draw(self, context: bpy.types.Context) -> None:
-        settings, live = context.scene.skind, session.current()
-        grid = self.layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
-        for overlay in OVERLAYS:
-            grid.prop_enum(settings, "overlay", overlay)
-        self.layout.prop_enum(settings, "overlay", 'NONE')
-        armature = next((modifier.object for modifier in live.object().modifiers
-                         if modifier.type == 'ARMATURE' and modifier.object is not None),
-                        None) if live.object() is not None else None
-        if settings.overlay == 'REACH' and armature is not None:
-            self.layout.prop_search(settings, "overlay_bone", armature.data, "bones", text="")
-        compare.draw_buttons(self.layout, context)
+# ---- notes ----
 
 
 class SKIND_PT_notes(_Panel, bpy.types.Panel):
@@ -386,7 +400,7 @@ class SKIND_PT_notes(_Panel, bpy.types.Panel):
                 icon='DOT')
 
 
-CLASSES = (SKIND_PT_main, SKIND_PT_options, SKIND_PT_seeing, SKIND_PT_notes)
+CLASSES = (SKIND_PT_main, SKIND_PT_seeing, SKIND_PT_options, SKIND_PT_notes)
 
 
 def register() -> None:

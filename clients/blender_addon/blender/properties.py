@@ -80,7 +80,7 @@ class SKIND_PG_settings(bpy.types.PropertyGroup):
         description="What happens with the rest of a stroke, where weights cannot follow",
         items=(("REPORT", "Report", "Only show it: the heat-map, and the count in the panel"),
                ("REST", "Rest", "Move the rest shape too"),
-               ("SHAPE", "Shape Key", "Keep it as a corrective shape key of this pose")),
+               ("SHAPE", "Shape", "Keep it as a corrective shape key of this pose")),
         default="REPORT",
     )
     overlay: EnumProperty(
@@ -100,7 +100,7 @@ class SKIND_PG_settings(bpy.types.PropertyGroup):
     )
     overlay_bone: StringProperty(
         name="Bone",
-        description="The bone whose reach is shown; empty: the active bone",
+        description="The bone whose reach is shown; empty: that of the active vertex group",
         default="",
         update=_seen_differently,
     )

@@ -25,6 +25,7 @@ from .wire import PROTOCOL, Message, SkindError, WireError
 LAUNCH_PAUSE_S = 2.0
 HELLO_S = 5.0  # a greeting is answered at once, whatever is being solved
 SILENCE_S = 10.0
+NOT_RUNNING = "skind does not run: start it with 'skinctl start'"  # nobody listens, no launcher
 
 Done = Callable[["dict | None", "SkindError | None"], None]
 
@@ -183,7 +184,7 @@ class Channel:
     def _launch(self, just_started: bool) -> None:
         """Nobody listens."""
         if self.launcher is None:
-            self._wait("skind does not run: start it with 'skinctl start'")
+            self._wait(NOT_RUNNING)
         elif just_started:
             self._wait("skind ended right after its start: skind.log beside its socket "
                        f"({self.path}) says why", LAUNCH_PAUSE_S)

@@ -136,9 +136,9 @@ def round_up(value: float, least: float) -> float:
     return 10.0 * decade
 
 
-LIGHTS = np.array([[-0.45, -0.55, 0.70], [0.75, 0.55, 0.35]], np.float32)  # front, rim; mesh's axes
+LIGHTS = np.array([[-0.35, -0.75, 0.55], [0.75, 0.55, 0.35]], np.float32)  # front, rim; mesh's axes
 LIGHTS /= np.linalg.norm(LIGHTS, axis=1)[:, None]
-DARKEST = 0.66  # a colour must stay the legend's
+DARKEST = 0.68  # a colour must stay the legend's
 
 
 def shade(rgba: np.ndarray, normals: np.ndarray) -> None:

@@ -1,39 +1,70 @@
-"""Jobs in a window that show the panel in its states."""
+"""A job in a window that shows the panel in its states."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Iterator
 
 import bpy
 
-from inside import rigs
-from inside.windows import Window
+from inside import artist, rigs
+from inside.windows import Steps, Window
 
 
-def states(window: Window, folder: str) -> Iterator[float]:
-    """Takes pictures of the panel: without a daemon or with one, refused, sculpting, options."""
-    from skind.blender import session
+def _open(panel: type) -> None:
+    """Has a panel that begins closed begin open; to be called before it is first drawn."""
+    bpy.utils.unregister_class(panel)
+    panel.bl_options = set()
+    bpy.utils.register_class(panel)
 
-    def picture(name: str) -> Iterator[float]:
+
+def states(window: Window, folder: str) -> Steps:
+    """Idle, refused, connected, and sculpting after a stroke, with the options open.
+
+    A picture of each; returns what was refused, and the last answer.
+    """
+    from skind.blender import operators, panel, session
+
+    def picture(name: str) -> Steps:
+        panel.tag_redraw()
         yield from window.screenshot(str(Path(folder) / f"{name}.png"))
 
-    seen = {}
     rigs.clear()
     mesh, armature = rigs.tube(2000, 6)
+    rigs.pose(armature, {"bone.2": (40, 0, 0)})
     rigs.activate(mesh)
     yield from window.look(mesh)
+    _open(panel.SKIND_PT_options)
+    _open(panel.SKIND_PT_notes)
     yield from window.last_tab()
-    yield 1.0
-    seen["link"] = session.channel().state
     yield from picture("idle")
+
     mesh.shape_key_add(name="Basis")
     with window.context():
         try:
             bpy.ops.skind.start()
         except RuntimeError as error:
-            seen["refused"] = str(error)
-    yield 0.3
+            reported = str(error)
+        shown = operators.refusals(bpy.context)
     yield from picture("refused")
     mesh.shape_key_clear()
-    return seen
+
+    session.connect()
+    yield from window.wait_until(lambda: session.channel().state == "ready")
+    mesh.vertex_groups[0].lock_weight = True
+    mesh.vertex_groups[0].add([0], 0.3, 'REPLACE')  # no longer sums to one: something to mend
+    yield from picture("connected")
+
+    with window.context():
+        bpy.ops.skind.start()
+        forgotten = operators.refusals(bpy.context)
+    yield from window.wait_until(lambda: session.current().layout is not None)
+    artist.bump(mesh, 1000, 0.3, 0.1)
+    with window.context():
+        bpy.ops.skind.solve()
+    yield from window.wait_until(artist.is_settled)
+    yield from picture("sculpting")
+    live = session.current()
+    live.cancel()
+    yield from window.wait_until(lambda: session.current() is None)
+    return {"reported": reported, "shown": shown, "forgotten": forgotten,
+            "last": dict(live.sculpt.last), "notes": [note["name"] for note in live.sculpt.notes]}

@@ -8,7 +8,6 @@ import time
 from typing import Callable
 
 import bpy
-import numpy as np
 
 from inside import artist, rigs
 from inside import thesis as thesis_loop

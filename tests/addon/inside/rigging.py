@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Callable
@@ -324,34 +323,28 @@ def broken_snapshots() -> dict[str, Any]:
     return {"accepted": accepted, "tried": len(bad)}
 
 
-def times(vertices: int, changed: int) -> dict[str, tuple[float, float]]:
-    """(whole, longest piece) in ms."""
+def pieces(vertices: int) -> dict[str, int]:
+    """Into how many pieces each job is cut."""
     rigs.clear()
     mesh, _ = rigs.tube(vertices, 8)
     found = {}
 
-    def timed(name: str, job: Any) -> Any:
-        whole = longest = 0.0
+    def counted(name: str, job: Any) -> Any:
+        found[name] = 1
         while True:
-            began = time.perf_counter()
             try:
                 next(job)
-                value, ended = None, False
             except StopIteration as end:
-                value, ended = end.value, True
-            took = (time.perf_counter() - began) * 1e3
-            whole, longest = whole + took, max(longest, took)
-            if ended:
-                found[name] = (whole, longest)
-                return value
+                return end.value
+            found[name] += 1
 
-    read = timed("read", rig.read(mesh.name))
-    snapshot = timed("take", weights.Snapshot.take(mesh.name))
+    read = counted("read", rig.read(mesh.name))
+    snapshot = counted("take", weights.Snapshot.take(mesh.name))
     joints = _filled(read)
-    layout = timed("slots", weights.make_slots(mesh.name, read.names, joints, read.unweighted))
-    rows = _rows(joints[:changed])
-    timed("write", weights.write_rows(mesh.name, layout, np.arange(changed), rows))
-    timed("restore", weights.Snapshot.restore(mesh.name, snapshot))
+    layout = counted("slots", weights.make_slots(mesh.name, read.names, joints, read.unweighted))
+    rows = _rows(joints)
+    counted("write", weights.write_rows(mesh.name, layout, np.arange(vertices), rows))
+    counted("restore", weights.Snapshot.restore(mesh.name, snapshot))
     return found
 
 

@@ -417,7 +417,7 @@ def of_a_file(path: str, name: str, export: str) -> dict:
         artist.stop("cancel")
         found["different"] = artist.different(before, artist.facts(mesh))
         found["sessions"] = [each["session"] for each in other.call("session.list")["sessions"]]
-        again = other.call("session.create", {"name": "again", "file": export})
+        other.call("session.create", {"name": "again", "file": export})
         found["exported"] = (other.call("weights.get", {"session": "again"})["weights"],
                              other.call("weights.get", {"session": "of-a-file"})["weights"])
         for each in ("again", "of-a-file"):
@@ -501,7 +501,7 @@ def meddled() -> dict:
     mesh, rig = artist.rigged("tube")
     rigs.bend(rig, 25)
     before = artist.facts(mesh)
-    live = artist.start(mesh)
+    artist.start(mesh)
     result = {}
     mesh.vertex_groups.new(name="Cloth")
     artist.stroke(mesh, 1030, 0.3, 0.05)

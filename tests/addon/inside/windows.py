@@ -174,14 +174,18 @@ class Window:
     # --- what the window shows
 
     def look(self, thing: bpy.types.Object, view: str = "front", zoom: float = 1.0) -> Steps:
-        """Frames an object, without perspective, from one of VIEWS; drawn when this ends."""
+        """Frames an object, from one of VIEWS; drawn when this ends.
+
+        With perspective: without it, 3.4's brush looks for the surface from the front of the box
+        that the mesh had when Sculpt Mode began, and goes through what was sculpted out of it.
+        """
         corners = np.array([thing.matrix_world @ Vector(corner) for corner in thing.bound_box])
         centre = (corners.min(0) + corners.max(0)) / 2
         eye = self.space.region_3d
-        eye.view_perspective = "ORTHO"
+        eye.view_perspective = "PERSP"
         eye.view_rotation = VIEWS[view]
         eye.view_location = centre
-        eye.view_distance = 1.9 * max(corners.max(0) - corners.min(0)) / zoom
+        eye.view_distance = 2.0 * max(corners.max(0) - corners.min(0)) / zoom
         yield from self.drawn()
 
     def drawn(self) -> Steps:

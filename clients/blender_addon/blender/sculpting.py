@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A sculpting session: a mesh, a rig session, and what lies between.
+
+The rest shape never changes in a session. Whatever deviates from it is a sculpted pose that waits
+for its weights; when they are there the rest shape is put back (see landing.py).
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Callable
+
+import bpy
+import numpy as np
+
+from ..core import opening, options, skin
+from ..core.sculpt import Sculpt
+from . import connection, export, jobs, mesh, rig, undo, weights
+from .landing import Landing
+from .messages import fault, tell
+
+PATIENCE_TICKS = 4000  # a job waits for the connection so long before it gives up, some 20 s
+
+
+class Session:
+    """One mesh in one rig session. References into bpy are never kept: undo invalidates them."""
+
+    def __init__(self, object_name: str, on_ended: Callable[[], None]) -> None:
+        """`on_ended` is called when it is over, or never came about."""
+        self.object_name = object_name
+        self._on_ended = on_ended
+        self.sculpt: Sculpt | None = None  # None until the mesh is read
+        self.snapshot: weights.Snapshot | None = None
+        self.topology: mesh.Topology | None = None  # there when the layout is
+        self._problem = ""  # with the mesh, as it was told last
+        self.layout: weights.Layout | None = None  # None until the slots are made
+        self.landing = Landing(self)
+        self.is_stroking = False
+        self.is_outside = False  # undone to before Start; redo comes back
+        self.shown_before = False
+
+    # ---- looking ----
+
+    @property
+    def job(self) -> jobs.Job | None:
+        return jobs.current()
+
+    @property
+    def is_ready(self) -> bool:
+        """Strokes are taken."""
+        return self.layout is not None and not self.is_outside and self.sculpt.phase != "ended"
+
+    @property
+    def triangles(self) -> np.ndarray:
+        return self.sculpt.rig.triangles
+
+    @property
+    def is_whole(self) -> bool:
+        """The mesh is still the one that it began with, vertex for vertex."""
+        return self.topology.problem(self.object()) == ""
+
+    @property
+    def is_marked(self) -> bool:
+        """The mesh says that it is in this session."""
+        obj = self.object() if self.layout is not None else None
+        return obj is not None and obj.data.get(mesh.SESSION) == self.sculpt.name
+
+    def object(self) -> bpy.types.Object | None:
+        """Found by its name, or after it was renamed by the mark on its mesh."""
+        obj = bpy.data.objects.get(self.object_name)
+        if obj is None and self.layout is not None:
+            obj = next((each for each in bpy.data.objects if each.type == 'MESH'
+                        and each.data.get(mesh.SESSION) == self.sculpt.name), None)
+            self.object_name = obj.name if obj is not None else self.object_name
+        return obj
+
+    def pose(self) -> np.ndarray:
+        """f64 [B,4,4], bone to mesh space, now."""
+        return rig.pose(self.object(), self.sculpt.rig.names, self.sculpt.rig.binds)
+
+    def face(self) -> tuple:
+        sculpt = self.sculpt
+        if sculpt is None:
+            return ()
+        return (sculpt.phase, sculpt.version, sculpt.strokes, sculpt.problem, len(sculpt.pending),
+                sum(stroke.solved for stroke in sculpt.pending), self.shown_before,
+                self.is_outside)
+
+    def run(self, work, label: str) -> jobs.Job:
+        return jobs.run(work, label, lambda error: self._ended(label, error))
+
+    def _ended(self, label: str, error: Exception | None) -> None:
+        """After a job: when the session was never made, it is taken away again."""
+        if error is None:
+            return
+        if isinstance(error, (jobs.Refused, weights.MeshChanged)):
+            tell(f"{label}: {error}.")
+        else:
+            fault(error)
+        if self.layout is None:
+            if self.sculpt is not None:
+                opening.leave(self.sculpt)
+            self._on_ended()
+
+    # ---- beginning ----
+
+    def start(self, influences: int, reduce: bool):
+        """Job: the mesh as it is becomes a new session."""
+        yield from self._read()
+        opening.create(self.sculpt, self.object_name, influences, reduce)
+        yield from self._until_ready("creating")
+        yield from self._make_slots()
+        undo.push("Skind: Start")
+
+    def join(self, name: str):
+        """Job: the mesh takes on the weights of a session that is there."""
+        yield from self._read()
+        opening.join(self.sculpt, name)
+        yield from self._until_ready("joining")
+        yield from self._make_slots()
+        undo.push("Skind: Join")
+
+    def rejoin(self, name: str, influences: int):
+        """Job: joins it again if it is still there; else it begins anew from the mesh as it is."""
+        original = self._remembered_snapshot()
+        yield from self._read()
+        try:
+            opening.join(self.sculpt, name)
+            yield from self._until_ready("joining")
+        except jobs.Refused:
+            if self.sculpt.reason != "no_session":
+                raise
+            opening.create(self.sculpt, name, influences, True)
+            yield from self._until_ready("creating")
+            tell(f"skind no longer has \"{name}\": it begins anew from this mesh.")
+        yield from self._make_slots()
+        if original is not None:
+            yield from weights.count_added_since(self.layout, self.sculpt.rig.names, original)
+            self.snapshot = original
+        undo.push("Skind: Rejoin")
+
+    def _remembered_snapshot(self) -> weights.Snapshot | None:
+        """The mesh as it was at the first Start, if the file tells and it is still that mesh."""
+        data = self.object().data
+        saved = data.get(mesh.SNAPSHOT)
+        try:
+            snapshot = weights.Snapshot.from_bytes(saved) if isinstance(saved, bytes) else None
+        except ValueError:
+            return None
+        if snapshot is not None and len(snapshot.positions) != len(data.vertices):
+            return None
+        return snapshot
+
+    def _read(self):
+        self.snapshot = yield from weights.Snapshot.take(self.object_name)
+        read = yield from rig.read(self.object_name)
+        for _ in range(PATIENCE_TICKS):
+            if connection.channel().state == "ready":
+                break
+            yield jobs.WAIT
+        else:
+            raise jobs.Refused(connection.channel().problem or "skind did not answer")
+        self.sculpt = Sculpt(connection.channel(), read, connection.client_name())
+
+    def _until_ready(self, phase: str):
+        while self.sculpt.phase == phase:
+            yield jobs.WAIT
+        if self.sculpt.phase != "ready":
+            raise jobs.Refused(self.sculpt.problem or "the connection was lost")
+
+    def _make_slots(self):
+        """The mesh shows the session's weights from here on, and is marked."""
+        sculpt = self.sculpt
+        try:
+            layout = yield from weights.make_slots(self.object_name, sculpt.rig.names,
+                                                   sculpt.joints, sculpt.rig.unweighted)
+            everything = np.arange(sculpt.vertices, dtype=np.uint32)
+            yield from weights.write_rows(self.object_name, layout, everything, sculpt.weights)
+        except BaseException:  # cancelled, too
+            for _ in weights.Snapshot.restore(self.object_name, self.snapshot):
+                pass
+            raise
+        data = self.object().data
+        mesh.unmark(data)
+        data[mesh.SESSION], data[mesh.STATE] = sculpt.name, sculpt.steps.live
+        data.update()
+        self.topology = mesh.Topology(data)
+        self.layout = layout
+
+    # ---- strokes ----
+
+    def tick(self) -> None:
+        """Shows what has arrived, when nobody is in the middle of a stroke."""
+        if self.layout is None or self.is_outside or self.is_stroking:
+            return
+        problem = self.topology.problem(self.object())
+        if problem != self._problem:
+            self._problem = problem
+            tell(problem)
+        if problem:
+            return
+        if self.sculpt.problem:
+            tell(self.sculpt.problem)
+            self.sculpt.problem = ""
+        self.landing.begin_when_due()
+
+    def solve(self) -> int:
+        """What was sculpted since the last stroke goes out as a stroke; returns its vertices.
+
+        Called at a stroke's end, and for whatever else changed the shape.
+        """
+        sculpt = self.sculpt
+        problem = self.topology.problem(self.object())
+        if problem:
+            tell(problem)
+            return 0
+        shape = mesh.read_positions(self.object().data)
+        changed = skin.differing(shape, self.landing.shape())
+        vertices = changed[~sculpt.rig.unweighted[changed]]
+        if len(vertices) == 0:
+            if len(changed):
+                self.landing.put_back()
+                tell(f"{len(changed)} vertices have no weights: a stroke cannot move them.")
+            return 0
+        pose = self.pose()
+        targets = sculpt.posed(vertices, pose, positions=shape)
+        sculpt.stroke(vertices, targets, pose, self._options(), host=shape)
+        return len(vertices)
+
+    def _options(self) -> dict:
+        """The artist's settings as far as this daemon knows them, and Blender's padlocks."""
+        obj = self.object()
+        names = set(self.sculpt.rig.names)
+        locked = [group.name for group in obj.vertex_groups
+                  if group.lock_weight and group.name in names]
+        return options.usable(bpy.context.scene.skind, connection.channel().capabilities, locked)
+
+    def cancel_pending(self) -> None:
+        """Gives up what is under way: a job, or the strokes without an answer."""
+        job = jobs.current()
+        if job is not None and not self.landing.is_doing(job):
+            job.cancel()
+            return
+        self.landing.finish()
+        for stroke in reversed(list(self.sculpt.pending)):
+            self.sculpt.drop(stroke)
+        self.landing.put_back()
+
+    # ---- seeing ----
+
+    def show(self, before: bool) -> None:
+        """Shows the weights as they were at the start, or as they are."""
+        if before == self.shown_before or not self.is_ready:
+            return
+        self.landing.finish()
+        self.shown_before = before
+        sculpt = self.sculpt
+        shown = sculpt.start_weights if before else sculpt.weights
+        differing = skin.differing(sculpt.start_weights, sculpt.weights)
+        self.write(differing, shown[differing])
+
+    def write(self, vertices: np.ndarray, rows: np.ndarray) -> None:
+        """Writes rows into the mesh, all at once, and has it shown."""
+        try:
+            for _ in weights.write_rows(self.object_name, self.layout, vertices, rows):
+                pass
+        except weights.MeshChanged:
+            for _ in self.mend():
+                pass
+            for _ in weights.write_rows(self.object_name, self.layout, vertices, rows):
+                pass
+        self.object().data.update()
+
+    def mend(self):
+        """Job: after vertex groups were changed outside of Skind: the session's weights again."""
+        sculpt = self.sculpt
+        layout = yield from weights.make_slots_again(self.object_name, self.layout,
+                                                     sculpt.rig.names, sculpt.joints)
+        everything = np.arange(sculpt.vertices, dtype=np.uint32)
+        yield from weights.write_rows(self.object_name, layout, everything, sculpt.weights)
+        self.layout = layout
+        self.object().data.update()
+        tell("Vertex groups were changed outside of Skind: they hold the session's weights again.")
+
+    # ---- ending ----
+
+    def finish(self) -> None:
+        self.run(self._finish(), "Finishing")
+
+    def settle(self):
+        """Job: waits for the strokes under way and shows what arrived. The rest shape is there."""
+        self.show(False)
+        while not self.is_outside and (self.sculpt.pending or self.sculpt.arrived):
+            is_over = self.sculpt.phase == "ended"
+            if self.landing.is_due or (is_over and self.sculpt.arrived):
+                yield from self.landing.land()
+            elif is_over:
+                break
+            else:
+                yield jobs.WAIT
+        self.landing.put_back()
+
+    def _finish(self):
+        yield from self.settle()
+        if not self.is_outside:
+            if weights.group_names(self.object()) != self.layout.groups:
+                yield from self.mend()
+            yield from weights.remove_padding(self.object_name, self.layout)
+        self._leave("Skind: Finish")
+
+    def cancel(self) -> None:
+        self.run(self._cancel(), "Taking back")
+
+    def _cancel(self):
+        if not self.is_outside:
+            problem = self.topology.problem(self.object())
+            if problem:
+                raise jobs.Refused(problem)
+            self.landing.put_back()
+            restoring = weights.Snapshot.restore(self.object_name, self.snapshot)
+            try:
+                for done in restoring:
+                    yield done
+            except GeneratorExit:  # half of it would be neither what was nor what is
+                for _ in restoring:
+                    pass
+                self._leave("Skind: Cancel")
+                raise
+        self._leave("Skind: Cancel")
+
+    def _leave(self, step: str) -> None:
+        if self.object() is not None:
+            mesh.unmark(self.object().data)
+            self.object().data.update()
+        opening.leave(self.sculpt)
+        self._on_ended()
+        undo.push(step)
+
+    def export(self, path: str) -> None:
+        self.run(export.export(self, os.path.abspath(path)), "Exporting")

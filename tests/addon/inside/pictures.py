@@ -1,0 +1,296 @@
+"""The job that plays an artist's session and takes the documents' pictures of it on the way.
+
+A real window, real strokes, the real daemon, and at the end a second Blender that shares a session.
+The character is Rigify's basic human, a little stouter than in the tests, with weights as soft as
+a first rough smoothing leaves them: its elbow collapses when it bends. Each picture is the window
+as it is and a box of it in pixels; ../pictures.py makes the files.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Iterator
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+from inside import artist, rigs
+from inside.windows import Pixel, Steps, Window
+
+STOUTNESS = 1.5  # of the limbs, against rigs.BODY_RADII
+SOFTNESS = 30  # rounds of smoothing the weights
+BENT = 100  # degrees of the elbow in which it is sculpted
+FLAT = (0.19, 0.19, 0.2)  # the viewport's background: one colour is easy to crop, and small
+CLOSE = (420, 380)  # pixels of a picture of the elbow
+SECONDS = 60.0  # for what a busy machine with software GL may take
+OVERLAYS = ("RESIDUAL", "CHANGE", "INFLUENCES", "REACH")
+
+
+class Album:
+    """The pictures taken so far: name -> file, box (left, bottom, right, top), trim."""
+
+    def __init__(self, window: Window, folder: str) -> None:
+        self.window, self.folder = window, Path(folder)
+        self.taken: dict[str, dict] = {}
+
+    def take(self, name: str, box: tuple, trim: bool = False) -> Steps:
+        """`trim`: rows without anything on them are cut off at the lower end."""
+        system = bpy.context.preferences.system
+        system.viewport_aa = '8'  # for the picture alone: it costs time
+        yield 0.4  # paintings and the panel are up to date by then
+        path = self.folder / f"{name}.png"
+        yield from self.window.screenshot(str(path))
+        system.viewport_aa = 'OFF'
+        self.taken[name] = {"file": str(path), "box": box, "trim": trim}
+
+    def panel(self, name: str) -> Steps:
+        """The tab Skind of the sidebar."""
+        bar = next(each for each in self.window.area.regions if each.type == 'UI')
+        yield from self.take(name, (bar.x + 4, bar.y + 4, bar.x + bar.width - 26,
+                                    bar.y + bar.height), trim=True)
+
+    def close(self, name: str) -> Steps:
+        """The middle of the viewport, without the sidebar."""
+        with self._alone():
+            x, y = self.window.middle()
+            yield from self.take(name, (x - CLOSE[0] // 2, y - CLOSE[1] // 2,
+                                        x + CLOSE[0] // 2, y + CLOSE[1] // 2))
+
+    def view(self, name: str) -> Steps:
+        """The whole viewport, with its bars."""
+        area = self.window.area
+        yield from self.take(name, (area.x, area.y, area.x + area.width, area.y + area.height))
+
+    def corner(self, name: str) -> Steps:
+        """The lower right part of the viewport, where the legends are, without the sidebar."""
+        with self._alone():
+            region = self.window.region
+            x, y = self.window.middle()
+            right = region.x + region.width
+            yield from self.take(name, (x - 300, region.y, right, y + 220))
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        space = self.window.space
+        space.show_region_ui = space.show_region_toolbar = False
+        yield
+        space.show_region_ui = space.show_region_toolbar = True
+
+
+def story(window: Window, folder: str, flag: str) -> Steps:
+    """From the first look to the last comparison; returns the album."""
+    album = Album(window, folder)
+    body, rig = character()
+    _prepare(window)
+    pose(rig, BENT)
+    yield from _look_at_elbow(window, rig)
+    yield from album.close("elbow-posed")
+    yield from window.last_tab()
+    yield from _beginning(window, album, body)
+    yield from _sculpting(window, album, rig)
+    yield from _seeing(window, album, rig)
+    yield from _sharing(window, album, flag)
+    return album.taken
+
+
+def other(flag: str) -> None:
+    """The second tool: holds a session with the same character, and makes a stroke in it."""
+    body, rig = character()
+    pose(rig, BENT)
+    bpy.context.scene.skind.reduce = True
+    artist.wait_outside(flag, "hold", 300)
+    live = artist.start(body)
+    artist.signal_outside(flag, "held")
+    artist.wait_outside(flag, "joined")
+    artist.shift(body, artist.bendable(np.random.default_rng(0)), 0.2, 0.5)
+    live.solve()
+    artist.until(artist.is_settled)
+    artist.wait_outside(flag, "seen")
+    artist.stop("finish")
+
+
+def character() -> tuple[bpy.types.Object, bpy.types.Object]:
+    """(body, rig) with FK limbs; the rig is hidden, the body active."""
+    rigs.clear()
+    for name in set(rigs.BODY_RADII) - {"spine.006"}:  # the head is big enough
+        rigs.BODY_RADII[name] *= STOUTNESS
+    body, rig = rigs.rigify(levels=3)
+    for limb in ("upper_arm", "thigh"):
+        for side in "LR":
+            rig.pose.bones[f"{limb}_parent.{side}"]["IK_FK"] = 1.0
+    rig.hide_set(True)
+    rigs.activate(body, "WEIGHT_PAINT")
+    bpy.ops.object.vertex_group_smooth(group_select_mode='BONE_DEFORM', factor=0.5,
+                                       repeat=SOFTNESS)
+    bpy.ops.object.vertex_group_normalize_all(group_select_mode='BONE_DEFORM')
+    rigs.activate(body)
+    return body, rig
+
+
+def pose(rig: bpy.types.Object, degrees: float) -> None:
+    """The left elbow bent, a leg lifted."""
+    rigs.pose(rig, {"forearm_fk.L": (degrees, 0, 0), "thigh_fk.L": (-0.8 * degrees, 0, 0),
+                    "shin_fk.L": (0.9 * degrees, 0, 0)})
+
+
+def _prepare(window: Window) -> None:
+    """A viewport that shows the character and nothing that one must look past."""
+    gradients = bpy.context.preferences.themes[0].view_3d.space.gradients
+    gradients.background_type, gradients.high_gradient = 'SINGLE_COLOR', FLAT
+    overlay = window.space.overlay
+    for what in ("show_cursor", "show_floor", "show_axis_x", "show_axis_y", "show_text",
+                 "show_object_origins", "show_outline_selected"):
+        setattr(overlay, what, False)
+    window.space.show_gizmo = False
+    window.space.shading.show_cavity = True
+
+
+def _arm(rig: bpy.types.Object) -> tuple[Vector, Vector, Vector]:
+    """The elbow's place, and the ways of upper arm and forearm."""
+    upper, fore = (rig.pose.bones[f"ORG-{name}.L"] for name in ("upper_arm", "forearm"))
+    return (upper.tail.copy(), (upper.tail - upper.head).normalized(),
+            (fore.tail - fore.head).normalized())
+
+
+def _look_at_elbow(window: Window, rig: bpy.types.Object, distance: float = 0.75,
+                   outside: bool = False) -> Steps:
+    """At right angles to the plane in which the arm bends; or `outside`, at the elbow's point."""
+    place, upper, fore = _arm(rig)
+    axis = upper.cross(fore).normalized()
+    axis = -axis if axis.z < 0 else axis
+    if outside:
+        back, right = (upper - fore).normalized(), -axis
+    else:
+        back, right = axis, upper
+    eye = window.space.region_3d
+    eye.view_perspective = 'ORTHO'
+    eye.view_rotation = Matrix((right, back.cross(right), back)).transposed().to_quaternion()
+    eye.view_location, eye.view_distance = place, distance
+    yield from window.drawn()
+
+
+def _beginning(window: Window, album: Album, body: bpy.types.Object) -> Steps:
+    """With a daemon: ready, the options, refused, begun."""
+    session, _ = artist.modules()
+    session.connect()
+    yield from window.wait_until(lambda: session.channel().state == "ready", SECONDS)
+    yield from album.panel("panel-ready")
+    with _options_open():
+        yield from window.drawn()
+        yield from album.panel("panel-options")
+    modifier = body.modifiers["Armature"]
+    modifier.use_deform_preserve_volume = True
+    with window.context():
+        try:
+            bpy.ops.skind.start()
+        except RuntimeError:
+            pass  # what a refusal is to a script; the panel shows the sentence
+    yield from album.panel("panel-refused")
+    modifier.use_deform_preserve_volume = False
+    bpy.context.scene.skind.reduce = True
+    with window.context():
+        bpy.ops.skind.start()
+    yield from _begun(window)
+
+
+@contextmanager
+def _options_open() -> Iterator[None]:
+    """The box Options, unfolded: in its place one that is open from the beginning."""
+    from skind.blender import panel
+    closed = panel.SKIND_PT_options
+    opened = type("SKIND_PT_options_open", (panel._Panel, bpy.types.Panel),
+                  {"bl_label": closed.bl_label, "bl_parent_id": closed.bl_parent_id,
+                   "draw": closed.draw})
+    bpy.utils.unregister_class(closed)
+    bpy.utils.register_class(opened)
+    yield
+    bpy.utils.unregister_class(opened)
+    bpy.utils.register_class(closed)
+
+
+def _begun(window: Window) -> Steps:
+    session, _ = artist.modules()
+    yield from window.wait_until(lambda: session.current() is None or session.current().layout,
+                                 SECONDS)
+    assert session.current() is not None, session.told()
+
+
+def _settled(window: Window) -> Steps:
+    yield from window.wait_until(artist.is_settled, SECONDS)
+    yield 0.05
+
+
+def _way(begin: Pixel, end: Pixel, count: int = 12) -> list[Pixel]:
+    return [tuple(np.array(begin) + (np.array(end) - begin) * step / (count - 1))
+            for step in range(count)]
+
+
+def _sculpting(window: Window, album: Album, rig: bpy.types.Object) -> Steps:
+    """The strokes that give the elbow its point back."""
+    live = artist.modules()[0].current()
+    yield from window.sculpt(live.object(), "builtin_brush.Inflate", radius=80, strength=0.6)
+    with window.context():
+        bpy.ops.ed.undo_push(message="Sculpt Mode")
+    place = _arm(rig)[0]
+    with artist.halted():  # the sculpted shape, as long as the answer takes
+        yield from _look_at_elbow(window, rig, outside=True)
+        x, y = window.pixel(place)
+        for height in (-40, 40):
+            yield from window.stroke(_way((x - 50, y + height), (x + 50, y + height)))
+            yield 0.3
+        yield from window.move((window.area.x + 5, window.area.y + 5))
+        yield from _look_at_elbow(window, rig)
+        yield from album.close("elbow-sculpted")
+        yield from album.panel("panel-pending")
+    yield from _settled(window)
+    yield from album.close("elbow-after")
+    yield from window.stroke(_way(window.pixel(place), window.pixel(place)))  # a last touch
+    yield from _settled(window)
+    yield from window.move((window.area.x + 5, window.area.y + 5))
+    yield from album.panel("panel-sculpting")
+    yield from album.view("overview")
+
+
+def _seeing(window: Window, album: Album, rig: bpy.types.Object) -> Steps:
+    """Each overlay, and before and after in other poses."""
+    with window.context():
+        bpy.ops.object.mode_set(mode='OBJECT')
+        bpy.ops.ed.undo_push(message="Object Mode")
+    live, settings = artist.modules()[0].current(), bpy.context.scene.skind
+    settings.overlay_bone = "DEF-forearm.L"
+    for overlay in OVERLAYS:
+        settings.overlay = overlay
+        yield from album.corner(f"overlay-{overlay.lower()}")
+    settings.overlay = 'NONE'
+    for degrees in (70, 130):
+        pose(rig, degrees)
+        yield from _look_at_elbow(window, rig)
+        for before in (True, False):
+            live.show(before)
+            yield from album.close(f"{'before' if before else 'after'}-{degrees}")
+    live.show(True)
+    yield from album.view("before-word")
+    live.show(False)
+
+
+def _sharing(window: Window, album: Album, flag: str) -> Steps:
+    """A session that another Blender holds: offered, joined, changed from there."""
+    session, _ = artist.modules()
+    session.current().finish()
+    yield from window.wait_until(lambda: session.current() is None, SECONDS)
+    artist.signal_outside(flag, "hold")
+    yield from window.wait_until((Path(flag) / "held").exists, SECONDS)
+    session.ask_sessions()
+    yield from window.wait_until(session.available, SECONDS)
+    yield from album.panel("panel-join")
+    assert session.join(bpy.context, session.available()[0]["session"]) == []
+    yield from _begun(window)
+    yield from _settled(window)
+    strokes = session.current().sculpt.revision
+    artist.signal_outside(flag, "joined")
+    yield from window.wait_until(lambda: session.current().sculpt.revision > strokes, SECONDS)
+    yield from _settled(window)
+    yield from album.panel("panel-shared")
+    artist.signal_outside(flag, "seen")
