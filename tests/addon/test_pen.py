@@ -103,6 +103,16 @@ def test_undo_to_before_start_and_back(window) -> None:
     assert holds(seen["end"]) and seen["strokes"] == 2
 
 
+def test_undo_into_an_earlier_session(window) -> None:
+    """It had the same name, and states of the same numbers; they are not ours."""
+    found = window.run("pen.across")
+    assert found["same name"]
+    assert [outside for outside, _ in found["seen"]] == [
+        False, False, True, True, True, False, False]
+    assert [mark for _, mark in found["seen"][1:5]] == ["Tube", None, "Tube", None]
+    assert is_same(found["end"], found["again"]) and holds(found["again"])
+
+
 def test_what_a_stroke_costs(window) -> None:
     """The figures of 10k changed of 100k, each the best of some rounds: machines are noisy."""
     result = window.run("pen.cost", 100_000, 30, 5, seconds=200)

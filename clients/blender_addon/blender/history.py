@@ -29,7 +29,8 @@ def follow(live: session.Session) -> None:
     """Brings a session to the state that its mesh is in."""
     live.landing.abort()
     obj = live.object()
-    live.is_outside = obj is None or obj.data.get(mesh.SESSION) != live.sculpt.name
+    state = mesh.marked_state(obj.data, live.run_id) if obj is not None else None
+    live.is_outside = state is None
     live.shown_before = False
     if live.is_outside:
         _drop_after(live, 0)
@@ -38,7 +39,7 @@ def follow(live: session.Session) -> None:
     live.topology.doubt()
     if not live.is_whole:
         return
-    _follow_weights(live, obj.data.get(mesh.STATE, 0))
+    _follow_weights(live, state)
     _follow_shape(live, mesh.read_positions(obj.data))
 
 
@@ -51,7 +52,7 @@ def _follow_weights(live: session.Session, state: int) -> None:
         rows[sculpt.rig.unweighted] = sculpt.weights[sculpt.rig.unweighted]
         differing = skin.differing(rows, sculpt.weights)
         step = sculpt.painted(differing, rows[differing])
-        live.object().data[mesh.STATE] = step.id
+        mesh.mark_state(live.object().data, live.run_id, step.id)
 
 
 def _follow_shape(live: session.Session, shape: np.ndarray) -> None:

@@ -77,7 +77,7 @@ class Landing:
         sculpt.arrived.remove(arrival)
         step = sculpt.show(arrival)
         data = session.object().data
-        data[mesh.STATE] = step.id
+        mesh.mark_state(data, session.run_id, step.id)
         data.update()
         if arrival.stroke is not None:
             title = "Sculpt Weights"

@@ -2,7 +2,8 @@
 """A mesh's rest coordinates, and the marks that a session leaves on it.
 
 The marks are custom properties of the mesh, so Blender's undo and its files carry them: which
-session it is in, and which state of the weights it shows.
+session it is in, and which state of the weights it shows. A state is numbered within one run of a
+session: undo may lead back into an earlier run, which had the same name and numbers.
 """
 
 from __future__ import annotations
@@ -69,6 +70,16 @@ def _read_corners(mesh: bpy.types.Mesh) -> np.ndarray:
     corners = np.empty(len(mesh.loops), np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
     return corners
+
+
+def mark_state(mesh: bpy.types.Mesh, run: str, state: int) -> None:
+    mesh[STATE] = f"{run}.{state}"
+
+
+def marked_state(mesh: bpy.types.Mesh, run: str) -> int | None:
+    """The state that the mesh shows, or None when it is not of this run."""
+    marked, _, state = str(mesh.get(STATE, "")).partition(".")
+    return int(state) if marked == run and state.isdigit() else None
 
 
 def unmark(mesh: bpy.types.Mesh) -> None:

@@ -8,6 +8,7 @@ for its weights; when they are there the rest shape is put back (see landing.py)
 from __future__ import annotations
 
 import os
+import uuid
 from typing import Callable
 
 import bpy
@@ -28,6 +29,7 @@ class Session:
     def __init__(self, object_name: str, on_ended: Callable[[], None]) -> None:
         """`on_ended` is called when it is over, or never came about."""
         self.object_name = object_name
+        self.run_id = uuid.uuid4().hex[:8]  # in the mesh's marks
         self._on_ended = on_ended
         self.sculpt: Sculpt | None = None  # None until the mesh is read
         self.snapshot: weights.Snapshot | None = None
@@ -182,7 +184,8 @@ class Session:
             raise
         data = self.object().data
         mesh.unmark(data)
-        data[mesh.SESSION], data[mesh.STATE] = sculpt.name, sculpt.steps.live
+        data[mesh.SESSION] = sculpt.name
+        mesh.mark_state(data, self.run_id, sculpt.steps.live)
         data.update()
         self.topology = mesh.Topology(data)
         self.layout = layout

@@ -143,6 +143,32 @@ def outside(window: Window) -> Steps:
             "groups_outside": groups_outside, "strokes": live.sculpt.strokes, "end": state()}
 
 
+def across(window: Window) -> Steps:
+    """Two sessions one after the other on a mesh, and undo back into the first."""
+    session, _ = artist.modules()
+    live = yield from begin(window)
+    x, y = window.middle()
+    yield from window.stroke([(x + 4 * k, y) for k in range(6)])
+    yield from settled(window)
+    name = live.sculpt.name
+    live.finish()
+    yield from window.wait_until(lambda: session.current() is None and not session.is_busy())
+    assert session.start(bpy.context) == []
+    yield from window.wait_until(lambda: session.current() is None or session.current().layout)
+    live = session.current()
+    yield from window.stroke([(x + 4 * k, y + 60) for k in range(6)])
+    yield from settled(window)
+    seen = [(live.is_outside, None)]
+    end = state()
+    for shift in (False, True):
+        for _ in range(3):  # the stroke, Start, Finish
+            yield from window.key("Z", ctrl=True, shift=shift)
+            yield 0.2
+            seen.append((live.is_outside, bpy.data.objects["Tube"].data.get("skind_session")))
+    yield from settled(window)
+    return {"same name": name == live.sculpt.name, "seen": seen, "end": end, "again": state()}
+
+
 def daemon_pid() -> int:
     session, _ = artist.modules()
     return session.channel().hello["server"]["pid"]
