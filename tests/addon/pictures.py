@@ -18,6 +18,7 @@ from blenders import DEBIAN, Blender, Window
 SCREEN = (1280, 960)
 SECONDS = 400
 LARGE_BYTES = 100_000
+HEADER_ROWS = 24  # of a panel, at least
 
 
 def crop(shot: dict) -> Image.Image:
@@ -29,12 +30,13 @@ def crop(shot: dict) -> Image.Image:
 
 
 def trimmed(image: Image.Image) -> Image.Image:
-    """Without the rows at the lower end that are of the background alone."""
-    background = Image.new("RGB", image.size, image.getpixel((0, image.height - 8)))
-    difference = ImageChops.difference(image, background).crop((0, 0, image.width,
-                                                                image.height - 6))
-    box = difference.point(lambda value: 255 * (value > 8)).getbbox()
-    return image.crop((0, 0, image.width, box[3] if box else image.height))
+    """As far down as the panel goes: to the first row that is of the background alone."""
+    background = Image.new("RGB", image.size, image.getpixel((image.width // 2, image.height - 8)))
+    seen = ImageChops.difference(image, background).point(lambda value: 255 * (value > 4))
+    for row in range(HEADER_ROWS, image.height):
+        if seen.crop((0, row, image.width, row + 1)).getbbox() is None:
+            return image.crop((0, 0, image.width, row))
+    return image
 
 
 def save(image: Image.Image, path: Path) -> None:

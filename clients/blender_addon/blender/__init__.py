@@ -8,7 +8,7 @@ import importlib
 # What is used stands before what uses it. The pump comes last, so that nothing ticks before all is
 # there, and is the first to stop.
 MODULES = (
-    "properties", "preferences", "session", "strokes",
+    "properties", "preferences", "session", "hands", "strokes",
     "history", "files", "overlays", "compare", "operators", "panel", "pump",
 )
 

@@ -49,6 +49,26 @@ def refusals(obj: bpy.types.Object | None, settings: bpy.types.PropertyGroup,
     return found
 
 
+def problem_since_start(obj: bpy.types.Object, bones: list[str]) -> str:
+    """Why a mesh in a session cannot be sculpted further: its rig was changed. Else "".
+
+    Quick: for each stroke. `bones`: those that the session has.
+    """
+    found = [*_of_shape_keys(obj), *_of_modifiers(obj)]
+    return found[0] if found else missing_bones(obj, bones)
+
+
+def missing_bones(obj: bpy.types.Object, bones: list[str]) -> str:
+    """Bones of the session that the armature no longer has, as a sentence, or ""."""
+    armature = rig.armature_of(obj)
+    if armature is None or armature.type != "ARMATURE":
+        return ""  # there are other sentences for that
+    missing = [name for name in bones if name not in armature.data.bones]
+    if not missing:
+        return ""
+    return f"Bones were renamed or removed, which the session needs: undo that. {_listed(missing)}"
+
+
 def _quoted(thing: bpy.types.ID | bpy.types.Modifier) -> str:
     return f"\u201c{thing.name}\u201d"
 
@@ -92,14 +112,18 @@ def _of_mesh(obj: bpy.types.Object) -> Iterator[str]:
     if users > 1:
         yield (f"The mesh {_quoted(mesh)} has {users} users, which would all change: "
                "Object > Relations > Make Single User > Object & Data.")
-    if mesh.shape_keys is not None:
-        yield (f"{_quoted(obj)} has shape keys, which weights do not know about: delete them in "
-               "Object Data Properties > Shape Keys, on a copy if they are needed.")
+    yield from _of_shape_keys(obj)
     if len(mesh.vertices) == 0 or len(mesh.polygons) == 0:
         yield f"{_quoted(obj)} has no faces: there is nothing to sculpt. Choose another mesh."
     elif not np.isfinite(read_positions(mesh)).all():
         yield (f"{_quoted(obj)} has vertices whose coordinates are not numbers: delete them in "
                "Edit Mode (Mesh > Clean Up).")
+
+
+def _of_shape_keys(obj: bpy.types.Object) -> Iterator[str]:
+    if obj.data.shape_keys is not None:
+        yield (f"{_quoted(obj)} has shape keys, which weights do not know about: delete them in "
+               "Object Data Properties > Shape Keys, on a copy if they are needed.")
 
 
 def _of_modifiers(obj: bpy.types.Object) -> Iterator[str]:

@@ -16,6 +16,7 @@ _sculpted: list = []  # the shape to show again after saving: object's name, pos
 
 @bpy.app.handlers.persistent
 def _before_save(*_: object) -> None:
+    _sculpted.clear()
     jobs.drain()
     live = session.current()
     if live is None or live.layout is None or live.is_outside or not live.is_whole:
@@ -25,10 +26,13 @@ def _before_save(*_: object) -> None:
     live.landing.put_back()
     data[mesh.SNAPSHOT] = live.snapshot.to_bytes()
     _sculpted[:] = [(live.object().name, shape)]
+    if not hasattr(bpy.app.handlers, "save_post_fail"):  # the next moment after one that failed
+        bpy.app.timers.register(_after_save, first_interval=0.0)
 
 
 @bpy.app.handlers.persistent
 def _after_save(*_: object) -> None:
+    """After a save that failed, too."""
     for name, shape in _sculpted:
         data = bpy.data.objects[name].data
         del data[mesh.SNAPSHOT]

@@ -15,19 +15,30 @@ from . import mesh, session, undo, weights
 
 
 @bpy.app.handlers.persistent
-def _moved(*_: object) -> None:
+def _undone(*_: object) -> None:
+    _moved(is_redo=False)
+
+
+@bpy.app.handlers.persistent
+def _redone(*_: object) -> None:
+    _moved(is_redo=True)
+
+
+def _moved(is_redo: bool) -> None:
     live = session.current()
     if undo.is_ours() or live is None or live.layout is None:
         return
     try:
-        follow(live)
+        follow(live, is_redo)
     except Exception as error:  # a handler that raises is lost for good
         session.tell(f"could not follow the undo: {error!r}; please report it")
 
 
-def follow(live: session.Session) -> None:
+def follow(live: session.Session, is_redo: bool = False) -> None:
     """Brings a session to the state that its mesh is in."""
     live.landing.abort()
+    if live.is_outside:
+        session.tell("")  # what was told then
     obj = live.object()
     state = mesh.marked_state(obj.data, live.run_id) if obj is not None else None
     live.is_outside = state is None
@@ -40,7 +51,7 @@ def follow(live: session.Session) -> None:
     if not live.is_whole:
         return
     _follow_weights(live, state)
-    _follow_shape(live, mesh.read_positions(obj.data))
+    _follow_shape(live, mesh.read_positions(obj.data), is_redo)
 
 
 def _follow_weights(live: session.Session, state: int) -> None:
@@ -55,7 +66,7 @@ def _follow_weights(live: session.Session, state: int) -> None:
         mesh.mark_state(live.object().data, live.run_id, step.id)
 
 
-def _follow_shape(live: session.Session, shape: np.ndarray) -> None:
+def _follow_shape(live: session.Session, shape: np.ndarray, is_redo: bool) -> None:
     """The strokes up to the one that left this shape still wait; those after it were undone."""
     pending = live.sculpt.pending
     shapes = [live.sculpt.rig.positions] + [stroke.host for stroke in pending]
@@ -63,7 +74,13 @@ def _follow_shape(live: session.Session, shape: np.ndarray) -> None:
         if len(skin.differing(shape, shapes[left])) == 0:
             _drop_after(live, left)
             return
-    live.solve()  # a redo brought back a stroke whose answer was dropped
+    if is_redo:
+        live.solve()  # it brought back a stroke whose answer was dropped
+        return
+    # A stroke that was shown by now, before its answer. To solve it again would bring the artist
+    # back to where the undo began, at every press.
+    _drop_after(live, 0)
+    session.tell("What is sculpted here has no weights yet: undo on, sculpt on, or Solve the Shape.")
 
 
 def _drop_after(live: session.Session, left: int) -> None:
@@ -74,10 +91,10 @@ def _drop_after(live: session.Session, left: int) -> None:
 
 
 def register() -> None:
-    bpy.app.handlers.undo_post.append(_moved)
-    bpy.app.handlers.redo_post.append(_moved)
+    bpy.app.handlers.undo_post.append(_undone)
+    bpy.app.handlers.redo_post.append(_redone)
 
 
 def unregister() -> None:
-    bpy.app.handlers.undo_post.remove(_moved)
-    bpy.app.handlers.redo_post.remove(_moved)
+    bpy.app.handlers.undo_post.remove(_undone)
+    bpy.app.handlers.redo_post.remove(_redone)

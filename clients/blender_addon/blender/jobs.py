@@ -18,6 +18,10 @@ class Refused(Exception):
     """A job that cannot go on; the text is for the user."""
 
 
+class Cancelled(Refused):
+    """A job that somebody ended."""
+
+
 class Job:
     """`label` says what is done; `progress` 0 to 1, or None while it is not known."""
 
@@ -46,7 +50,7 @@ class Job:
         """Ends it where it stands; its `finally` clauses clean up."""
         if not self.is_over:
             self.work.close()
-            self._end(Refused("cancelled"))
+            self._end(Cancelled("cancelled"))
 
     def _end(self, error: Exception | None) -> None:
         self.is_over = True

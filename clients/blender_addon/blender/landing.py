@@ -18,9 +18,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from ..core import skin
 from ..core.sculpt import Arrival
-from . import jobs, mesh, undo, weights
-from .messages import tell
+from . import hands, jobs, mesh, undo, weights
+from .messages import fault, tell
 
 TITLES = {"undo": "Undo", "redo": "Redo", "set": "Weights"}
 
@@ -38,8 +39,24 @@ class Landing:
         return pending[-1].host if pending else self._session.sculpt.rig.positions
 
     def begin_when_due(self) -> None:
-        if jobs.current() is None and self.is_due:
-            self._job = self._session.run(self.land(), "Showing")
+        """Called when nobody sculpts. A shape that no stroke left (a filter's) becomes a stroke
+        first: putting the rest shape back would lose it."""
+        session = self._session
+        if jobs.current() is not None or not self.is_due or hands.are_busy():
+            return
+        if session.sculpt.pending and not _is_at(session.object(), self.shape()):
+            session.solve()
+            return
+        self._job = jobs.run(self.land(), "Showing", self._ended)
+
+    @staticmethod
+    def _ended(error: Exception | None) -> None:
+        """After a landing. One that was given up, for an undo, is no news."""
+        if isinstance(error, (jobs.Refused, weights.MeshChanged)):
+            if not isinstance(error, jobs.Cancelled):
+                tell(str(error))
+        elif error is not None:
+            fault(error)
 
     @property
     def is_due(self) -> bool:

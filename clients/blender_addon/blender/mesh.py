@@ -64,6 +64,11 @@ class Topology:
             self._is_doubtful = False
         return ""
 
+    @staticmethod
+    def may_pass(obj: bpy.types.Object) -> bool:
+        """Its problem is a mode that can be left."""
+        return obj.mode == 'EDIT' or obj.use_dynamic_topology_sculpting
+
 
 def _read_corners(mesh: bpy.types.Mesh) -> np.ndarray:
     """i32: the faces' vertices, one face after the other."""

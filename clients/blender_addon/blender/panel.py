@@ -94,7 +94,7 @@ def _length(context: bpy.types.Context, thing: bpy.types.Object | None, value: f
     if units.system == 'NONE':
         return f"{value:.3g}"
     return bpy.utils.units.to_string(units.system, 'LENGTH', value * units.scale_length,
-                                     precision=3, compatible_unit=True)
+                                     precision=2, compatible_unit=True)
 
 
 def _guarded(draw: Callable) -> Callable:
@@ -215,10 +215,9 @@ def _draw_session(context: bpy.types.Context, column: bpy.types.UILayout, live: 
     sculpt = live.sculpt
     if sculpt.name != live.object_name:
         column.label(text=f"Session {sculpt.name}", icon='BLANK1')
-    row = column.row()
-    row.label(text=_count(sculpt.strokes, "stroke"), icon='BRUSH_DATA')
+    column.label(text=_count(sculpt.strokes, "stroke"), icon='BRUSH_DATA')
     if sculpt.pending:
-        row.label(text=f"{len(sculpt.pending)} pending", icon='SORTTIME')
+        column.label(text=f"{len(sculpt.pending)} pending", icon='SORTTIME')
     _draw_last(context, column, sculpt.last, thing)
 
 

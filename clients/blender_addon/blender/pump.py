@@ -10,7 +10,7 @@ import time
 
 import bpy
 
-from . import jobs, panel, session
+from . import hands, jobs, panel, session
 
 BUDGET_S = 0.004
 BUSY_S, SESSION_S, IDLE_S = 0.005, 0.03, 0.25  # until the next tick
@@ -28,7 +28,8 @@ def tick() -> float:
         live = session.current()
         if live is not None:
             live.tick()
-        jobs.advance(BUDGET_S - (time.perf_counter() - begun))
+        if jobs.current() is not None and not hands.are_busy():
+            jobs.advance(BUDGET_S - (time.perf_counter() - begun))
         shown = session.face()
         if shown != _shown:
             _shown = shown

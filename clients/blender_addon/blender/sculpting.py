@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core import opening, options, skin
 from ..core.sculpt import Sculpt
-from . import connection, export, jobs, mesh, rig, undo, weights
+from . import checks, connection, export, jobs, mesh, rig, undo, weights
 from .landing import Landing
 from .messages import fault, tell
 
@@ -69,12 +69,18 @@ class Session:
 
     def object(self) -> bpy.types.Object | None:
         """Found by its name, or after it was renamed by the mark on its mesh."""
-        obj = bpy.data.objects.get(self.object_name)
-        if obj is None and self.layout is not None:
-            obj = next((each for each in bpy.data.objects if each.type == 'MESH'
-                        and each.data.get(mesh.SESSION) == self.sculpt.name), None)
-            self.object_name = obj.name if obj is not None else self.object_name
-        return obj
+        obj = bpy.data.objects.get((self.object_name, None))
+        if self.layout is None or self._has_mark(obj):
+            return obj
+        marked = next((each for each in bpy.data.objects if self._has_mark(each)), None)
+        if marked is None:
+            return obj  # undone to before Start, if it is there
+        self.object_name = marked.name
+        return marked
+
+    def _has_mark(self, obj: bpy.types.Object | None) -> bool:
+        return (obj is not None and obj.type == 'MESH'
+                and mesh.marked_state(obj.data, self.run_id) is not None)
 
     def pose(self) -> np.ndarray:
         """f64 [B,4,4], bone to mesh space, now."""
@@ -213,7 +219,8 @@ class Session:
         Called at a stroke's end, and for whatever else changed the shape.
         """
         sculpt = self.sculpt
-        problem = self.topology.problem(self.object())
+        obj = self.object()
+        problem = self.topology.problem(obj) or checks.problem_since_start(obj, sculpt.rig.names)
         if problem:
             tell(problem)
             return 0
@@ -253,14 +260,18 @@ class Session:
 
     def show(self, before: bool) -> None:
         """Shows the weights as they were at the start, or as they are."""
-        if before == self.shown_before or not self.is_ready:
+        if before == self.shown_before or not self.is_ready or not self.is_whole:
             return
         self.landing.finish()
-        self.shown_before = before
         sculpt = self.sculpt
         shown = sculpt.start_weights if before else sculpt.weights
         differing = skin.differing(sculpt.start_weights, sculpt.weights)
-        self.write(differing, shown[differing])
+        try:
+            self.write(differing, shown[differing])
+        except jobs.Refused as error:
+            tell(str(error))
+        else:
+            self.shown_before = before
 
     def write(self, vertices: np.ndarray, rows: np.ndarray) -> None:
         """Writes rows into the mesh, all at once, and has it shown."""
@@ -275,8 +286,14 @@ class Session:
         self.object().data.update()
 
     def mend(self):
-        """Job: after vertex groups were changed outside of Skind: the session's weights again."""
+        """Job: after vertex groups were changed outside of Skind: the session's weights again.
+
+        Not when bones were renamed, and their groups with them: they would be others' groups.
+        """
         sculpt = self.sculpt
+        problem = checks.missing_bones(self.object(), sculpt.rig.names)
+        if problem:
+            raise jobs.Refused(problem)
         layout = yield from weights.make_slots_again(self.object_name, self.layout,
                                                      sculpt.rig.names, sculpt.joints)
         everything = np.arange(sculpt.vertices, dtype=np.uint32)
@@ -304,6 +321,17 @@ class Session:
         self.landing.put_back()
 
     def _finish(self):
+        obj = self.object()
+        problem = "" if self.is_outside else self.topology.problem(obj)
+        if problem and obj is not None and self.topology.may_pass(obj):
+            raise jobs.Refused(problem)
+        if problem:  # nothing is left that weights could be written to
+            self._leave("Skind: Finish")
+            tell("The session is over; the mesh stays as it is: it is no longer the one that was "
+                 "sculpted.")
+            return
+        if not self.is_outside and self.sculpt.phase == "ready":
+            self.solve()  # what was changed without a brush
         yield from self.settle()
         if not self.is_outside:
             if weights.group_names(self.object()) != self.layout.groups:
@@ -315,10 +343,10 @@ class Session:
         self.run(self._cancel(), "Taking back")
 
     def _cancel(self):
-        if not self.is_outside:
+        if not self.is_outside and self.object() is not None:
             problem = self.topology.problem(self.object())
             if problem:
-                raise jobs.Refused(problem)
+                raise jobs.Refused(f"{problem} Or Finish, which leaves the mesh as it is")
             self.landing.put_back()
             restoring = weights.Snapshot.restore(self.object_name, self.snapshot)
             try:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import session
+from . import checks, session
 
 WATCH_S = 0.02
 KEYS = (({}, 'NORMAL'), ({"ctrl": True}, 'INVERT'), ({"shift": True}, 'SMOOTH'))
@@ -21,11 +21,11 @@ _keymap_items: list = []
 
 
 def _session_of(context: bpy.types.Context) -> "session.Session | None":
-    live = session.current()
-    obj = context.sculpt_object
-    if live is None or obj is None or not live.is_ready or obj.name != live.object().name:
+    """The session of the mesh that is sculpted here; not of one that is undone or over."""
+    live, obj = session.current(), context.sculpt_object
+    if live is None or obj is None or live.object() != obj:
         return None
-    return live
+    return live if live.layout is None or live.is_ready else None
 
 
 def refusal(context: bpy.types.Context) -> str:
@@ -37,7 +37,15 @@ def refusal(context: bpy.types.Context) -> str:
     kind = getattr(brush, "sculpt_brush_type", None) or getattr(brush, "sculpt_tool", "")
     if kind in TOPOLOGY_BRUSHES:
         return f"The brush \"{brush.name}\" changes the mesh's topology: choose another."
-    return ""
+    return checks.problem_since_start(obj, session.current().sculpt.rig.names)
+
+
+def _occupation(live: "session.Session") -> str:
+    """What has to be over before the next stroke, or "". A landing is not: it is hurried up."""
+    job = live.job
+    if job is None or live.landing.is_doing(job):
+        return ""
+    return f"{job.label}: sculpt on in a moment."
 
 
 class SKIND_OT_stroke_begin(bpy.types.Operator):
@@ -53,6 +61,10 @@ class SKIND_OT_stroke_begin(bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set:
         live = _session_of(context)
+        occupation = _occupation(live)
+        if occupation:
+            self.report({'WARNING'}, occupation)
+            return {'CANCELLED'}
         problem = refusal(context)
         if problem:
             self.report({'ERROR'}, problem)

@@ -1,9 +1,9 @@
 """The job that plays an artist's session and takes the documents' pictures of it on the way.
 
 A real window, real strokes, the real daemon, and at the end a second Blender that shares a session.
-The character is Rigify's basic human, a little stouter than in the tests, with weights as soft as
-a first rough smoothing leaves them: its elbow collapses when it bends. Each picture is the window
-as it is and a box of it in pixels; ../pictures.py makes the files.
+The character is Rigify's basic human, a little stouter than in the tests, and a slip of the brush is
+in its weights: a part of the upper arm follows the forearm, and caves in. Each picture is the
+window as it is and a box of it in pixels; ../pictures.py makes the files.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ from typing import Iterator
 
 import bpy
 import numpy as np
-from mathutils import Matrix, Vector
+from mathutils import Matrix, Quaternion, Vector
 
 from inside import artist, rigs
 from inside.windows import Pixel, Steps, Window
 
 STOUTNESS = 1.5  # of the limbs, against rigs.BODY_RADII
-SOFTNESS = 30  # rounds of smoothing the weights
+FAULT, FAULT_RADIUS = 0.25, 0.09  # weight that is on the wrong bone, and around where, in metres
+STIFFNESS = 0.001  # weights follow the strokes more closely than by default
+TILT, STROKES_MAX = 40, 2  # degrees from which the fault is seen; what mends it
 BENT = 100  # degrees of the elbow in which it is sculpted
-FLAT = (0.19, 0.19, 0.2)  # the viewport's background: one colour is easy to crop, and small
-CLOSE = (420, 380)  # pixels of a picture of the elbow
+FLAT = (0.13, 0.13, 0.14)  # of the viewport: one colour, and none of the panel's, is easy to crop
+CLOSE = (-190, -200, 230, 150)  # the elbow's picture around the viewport's middle, in pixels
 SECONDS = 60.0  # for what a busy machine with software GL may take
 OVERLAYS = ("RESIDUAL", "CHANGE", "INFLUENCES", "REACH")
 
@@ -36,13 +38,13 @@ class Album:
         self.taken: dict[str, dict] = {}
 
     def take(self, name: str, box: tuple, trim: bool = False) -> Steps:
-        """`trim`: rows without anything on them are cut off at the lower end."""
-        system = bpy.context.preferences.system
-        system.viewport_aa = '8'  # for the picture alone: it costs time
+        """`trim`: what lies below the first row of the background alone is cut off."""
+        system, shading = bpy.context.preferences.system, self.window.space.shading
+        system.viewport_aa, shading.show_cavity = '8', True  # for pictures alone: they cost time
         yield 0.4  # paintings and the panel are up to date by then
         path = self.folder / f"{name}.png"
         yield from self.window.screenshot(str(path))
-        system.viewport_aa = 'OFF'
+        system.viewport_aa, shading.show_cavity = 'OFF', False
         self.taken[name] = {"file": str(path), "box": box, "trim": trim}
 
     def panel(self, name: str) -> Steps:
@@ -55,8 +57,7 @@ class Album:
         """The middle of the viewport, without the sidebar."""
         with self._alone():
             x, y = self.window.middle()
-            yield from self.take(name, (x - CLOSE[0] // 2, y - CLOSE[1] // 2,
-                                        x + CLOSE[0] // 2, y + CLOSE[1] // 2))
+            yield from self.take(name, (x + CLOSE[0], y + CLOSE[1], x + CLOSE[2], y + CLOSE[3]))
 
     def view(self, name: str) -> Steps:
         """The whole viewport, with its bars."""
@@ -69,7 +70,7 @@ class Album:
             region = self.window.region
             x, y = self.window.middle()
             right = region.x + region.width
-            yield from self.take(name, (x - 300, region.y, right, y + 220))
+            yield from self.take(name, (x - 330, region.y, right, y + 200))
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
@@ -99,7 +100,6 @@ def other(flag: str) -> None:
     """The second tool: holds a session with the same character, and makes a stroke in it."""
     body, rig = character()
     pose(rig, BENT)
-    bpy.context.scene.skind.reduce = True
     artist.wait_outside(flag, "hold", 300)
     live = artist.start(body)
     artist.signal_outside(flag, "held")
@@ -121,12 +121,32 @@ def character() -> tuple[bpy.types.Object, bpy.types.Object]:
         for side in "LR":
             rig.pose.bones[f"{limb}_parent.{side}"]["IK_FK"] = 1.0
     rig.hide_set(True)
+    _spoil(body, rig)
+    return body, rig
+
+
+def _spoil(body: bpy.types.Object, rig: bpy.types.Object) -> None:
+    """Lets a part of the upper arm follow the forearm."""
+    pose(rig, BENT)
+    away = np.linalg.norm(rigs.posed(body) - _spot(rig)[0], axis=1)
+    near = np.flatnonzero(away < FAULT_RADIUS)
+    wrong = body.vertex_groups["DEF-forearm.L"]
+    for vertex in near.tolist():
+        share = FAULT * (1 - (away[vertex] / FAULT_RADIUS) ** 2) ** 2
+        for entry in body.data.vertices[vertex].groups:
+            entry.weight *= 1 - share
+        wrong.add([vertex], share, 'ADD')
     rigs.activate(body, "WEIGHT_PAINT")
-    bpy.ops.object.vertex_group_smooth(group_select_mode='BONE_DEFORM', factor=0.5,
-                                       repeat=SOFTNESS)
+    bpy.ops.object.vertex_group_limit_total(group_select_mode='BONE_DEFORM', limit=4)
     bpy.ops.object.vertex_group_normalize_all(group_select_mode='BONE_DEFORM')
     rigs.activate(body)
-    return body, rig
+
+
+def _spot(rig: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """In the middle of the fault, on the upper arm's inner side as it should be; the way out."""
+    place, upper, fore = _arm(rig)
+    out = (fore - upper.dot(fore) * upper).normalized()
+    return np.array(place - 0.16 * upper + 0.075 * out), np.array(out)
 
 
 def pose(rig: bpy.types.Object, degrees: float) -> None:
@@ -144,7 +164,6 @@ def _prepare(window: Window) -> None:
                  "show_object_origins", "show_outline_selected"):
         setattr(overlay, what, False)
     window.space.show_gizmo = False
-    window.space.shading.show_cavity = True
 
 
 def _arm(rig: bpy.types.Object) -> tuple[Vector, Vector, Vector]:
@@ -155,19 +174,16 @@ def _arm(rig: bpy.types.Object) -> tuple[Vector, Vector, Vector]:
 
 
 def _look_at_elbow(window: Window, rig: bpy.types.Object, distance: float = 0.75,
-                   outside: bool = False) -> Steps:
-    """At right angles to the plane in which the arm bends; or `outside`, at the elbow's point."""
+                   tilt: float = 0) -> Steps:
+    """At right angles to the plane in which the arm bends, or tilted, degrees, to its inner side."""
     place, upper, fore = _arm(rig)
     axis = upper.cross(fore).normalized()
-    axis = -axis if axis.z < 0 else axis
-    if outside:
-        back, right = (upper - fore).normalized(), -axis
-    else:
-        back, right = axis, upper
+    back = -axis if axis.z < 0 else axis
+    back.rotate(Quaternion(upper, np.radians(tilt) * np.sign(upper.cross(back).dot(fore))))
     eye = window.space.region_3d
     eye.view_perspective = 'ORTHO'
-    eye.view_rotation = Matrix((right, back.cross(right), back)).transposed().to_quaternion()
-    eye.view_location, eye.view_distance = place, distance
+    eye.view_rotation = Matrix((upper, back.cross(upper), back)).transposed().to_quaternion()
+    eye.view_location, eye.view_distance = place - 0.1 * upper, distance
     yield from window.drawn()
 
 
@@ -189,7 +205,7 @@ def _beginning(window: Window, album: Album, body: bpy.types.Object) -> Steps:
             pass  # what a refusal is to a script; the panel shows the sentence
     yield from album.panel("panel-refused")
     modifier.use_deform_preserve_volume = False
-    bpy.context.scene.skind.reduce = True
+    bpy.context.scene.skind.stiffness = STIFFNESS
     with window.context():
         bpy.ops.skind.start()
     yield from _begun(window)
@@ -228,29 +244,43 @@ def _way(begin: Pixel, end: Pixel, count: int = 12) -> list[Pixel]:
 
 
 def _sculpting(window: Window, album: Album, rig: bpy.types.Object) -> Steps:
-    """The strokes that give the elbow its point back."""
+    """Pulls out what caved in: strokes while nobody answers, and a last one."""
     live = artist.modules()[0].current()
-    yield from window.sculpt(live.object(), "builtin_brush.Inflate", radius=80, strength=0.6)
+    yield from window.sculpt(live.object(), "builtin_brush.Grab", radius=85, strength=1.0)
     with window.context():
         bpy.ops.ed.undo_push(message="Sculpt Mode")
-    place = _arm(rig)[0]
-    with artist.halted():  # the sculpted shape, as long as the answer takes
-        yield from _look_at_elbow(window, rig, outside=True)
-        x, y = window.pixel(place)
-        for height in (-40, 40):
-            yield from window.stroke(_way((x - 50, y + height), (x + 50, y + height)))
-            yield 0.3
+    spot, out = _spot(rig)
+
+    def pull() -> Steps:
+        yield from _look_at_elbow(window, rig, tilt=TILT)
+        edge = _edge(live.object(), spot, out)
+        begin = edge - 0.01 * out
+        yield from window.stroke(_way(window.pixel(begin), window.pixel(begin + spot - edge)))
         yield from window.move((window.area.x + 5, window.area.y + 5))
         yield from _look_at_elbow(window, rig)
-        yield from album.close("elbow-sculpted")
+
+    with artist.halted():  # the sculpted shape, as long as the answer takes
+        for _ in range(STROKES_MAX):
+            if (spot - _edge(live.object(), spot, out)) @ out < 0.006:
+                break
+            yield from pull()
+            yield 0.3
         yield from album.panel("panel-pending")
+        yield from album.close("elbow-sculpted")
+    yield from _settled(window)
+    yield from pull()
     yield from _settled(window)
     yield from album.close("elbow-after")
-    yield from window.stroke(_way(window.pixel(place), window.pixel(place)))  # a last touch
-    yield from _settled(window)
-    yield from window.move((window.area.x + 5, window.area.y + 5))
     yield from album.panel("panel-sculpting")
     yield from album.view("overview")
+
+
+def _edge(body: bpy.types.Object, spot: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Where the upper arm ends today on the line through a spot, inwards of it."""
+    from_spot = rigs.posed(body) - spot
+    along = from_spot @ out
+    beside = np.linalg.norm(from_spot - along[:, None] * out, axis=1)
+    return spot + along[(beside < 0.03) & (along < 0.02)].max() * out
 
 
 def _seeing(window: Window, album: Album, rig: bpy.types.Object) -> Steps:
@@ -260,11 +290,12 @@ def _seeing(window: Window, album: Album, rig: bpy.types.Object) -> Steps:
         bpy.ops.ed.undo_push(message="Object Mode")
     live, settings = artist.modules()[0].current(), bpy.context.scene.skind
     settings.overlay_bone = "DEF-forearm.L"
+    yield from _look_at_elbow(window, rig, 0.55, TILT)
     for overlay in OVERLAYS:
         settings.overlay = overlay
         yield from album.corner(f"overlay-{overlay.lower()}")
     settings.overlay = 'NONE'
-    for degrees in (70, 130):
+    for degrees in (70, 120):
         pose(rig, degrees)
         yield from _look_at_elbow(window, rig)
         for before in (True, False):
@@ -280,10 +311,11 @@ def _sharing(window: Window, album: Album, flag: str) -> Steps:
     session, _ = artist.modules()
     session.current().finish()
     yield from window.wait_until(lambda: session.current() is None, SECONDS)
+    yield from window.wait_until(lambda: not session.is_busy(), SECONDS)
     artist.signal_outside(flag, "hold")
     yield from window.wait_until((Path(flag) / "held").exists, SECONDS)
     session.ask_sessions()
-    yield from window.wait_until(session.available, SECONDS)
+    yield from window.wait_until(lambda: not session.is_busy() and session.available(), SECONDS)
     yield from album.panel("panel-join")
     assert session.join(bpy.context, session.available()[0]["session"]) == []
     yield from _begun(window)

@@ -157,7 +157,7 @@ def withdrawn() -> dict:
     artist.until(artist.is_settled)
     undone = artist.mesh_weights().tobytes() == start.tobytes(), artist.equal()
     artist.put(mesh, sculpted)
-    history.follow(live)
+    history.follow(live, is_redo=True)
     again = len(live.sculpt.pending)
     artist.until(artist.is_settled)
     redone = artist.mesh_weights().tobytes() != start.tobytes(), artist.equal()
