@@ -17,7 +17,7 @@ from blenders import DEBIAN, Blender, Window
 
 SCREEN = (1280, 960)
 SECONDS = 400
-LARGE_BYTES = 100_000
+LARGE_BYTES = 140_000
 HEADER_ROWS = 24  # of a panel, at least
 
 

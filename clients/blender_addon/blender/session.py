@@ -57,7 +57,7 @@ def face() -> tuple:
     link = connection.channel() if connection.is_made() else None
     live = _current.face() if _current is not None else ()
     return (told(), link and (link.state, link.problem), len(available()), live,
-            job and (job.label, job.progress and round(job.progress, 2)))
+            job and (job.label, job.progress and round(job.progress, 1)))
 
 
 def is_busy() -> bool:
