@@ -115,7 +115,7 @@ def test_undo_into_an_earlier_session(window) -> None:
 
 def test_what_a_stroke_costs(window) -> None:
     """The figures of 10k changed of 100k, each the best of some rounds: machines are noisy."""
-    result = window.run("pen.cost", 100_000, 30, 5, seconds=200)
+    result = window.run("pen.cost", 100_000, 30, 10, seconds=200)
     changed = [row["changed"] for row in result["rows"]]
     assert min(changed) > 9_000 and result["thesis_changed"] > 9_000
     longest = min(max(row["slices"]) for row in result["rows"])

@@ -15,13 +15,12 @@ from . import hands, jobs, panel, session
 BUDGET_S = 0.004
 BUSY_S, SESSION_S, IDLE_S = 0.005, 0.03, 0.25  # until the next tick
 
-longest_s = 0.0  # a tick's longest time so far, for whoever measures; set it to 0 to begin
 _shown: tuple = ()
 
 
 def tick() -> float:
     """One tick. Returns the seconds until the next, as Blender's timers want it."""
-    global longest_s, _shown
+    global _shown
     begun = time.perf_counter()
     try:
         session.channel().pump(BUDGET_S / 2)
@@ -36,7 +35,6 @@ def tick() -> float:
             panel.tag_redraw()
     except Exception as error:
         session.fault(error)
-    longest_s = max(longest_s, time.perf_counter() - begun)
     if session.is_busy():
         return BUSY_S
     return IDLE_S if session.current() is None else SESSION_S

@@ -352,7 +352,7 @@ def cost(window: Window, vertices: int, radius: int, rounds: int) -> Steps:
         bpy.app.timers.register(tick, persistent=True)
         undo.take_back, undo.push = timed(undo.take_back, blenders), timed(undo.push, blenders)
         live.solve = timed(live.solve, solves)
-        yield from window.stroke([(x + 6 * k - 30, y + 20 * turn - 40) for k in range(10)])
+        yield from window.stroke([(x + 6 * k - 30, y + 20 * (turn % 5) - 40) for k in range(10)])
         yield from window.wait_until(lambda: live.sculpt.strokes == turn + 1)
         begun = time.perf_counter()
         bpy.context.view_layer.update()
