@@ -9,6 +9,11 @@
 #define SKD_JSON_BYTES_MAX (UINT32_C(4) << 20)    /* the JSON part of a frame */
 #define SKD_LINE_BYTES_MAX (UINT32_C(1) << 20)    /* one line, newline included, in line mode */
 
+#define SKD_STIFFNESS_MAX 10.0    /* kappa */
+#define SKD_GUARD_MAX 1000.0      /* lambda */
+#define SKD_SMOOTH_MAX 10.0       /* mu */
+#define SKD_PIN_WEIGHT_MAX 1000.0 /* omega */
+
 enum {
     SKD_PROTOCOL_MIN = 1, /* protocol versions that this build speaks */
     SKD_PROTOCOL_MAX = 1,
@@ -19,8 +24,11 @@ enum {
     SKD_POSE_NAME_BYTES_MAX = 64,
     SKD_CLIENT_NAME_BYTES_MAX = 64,
     SKD_PATH_BYTES_MAX = 4096,
-    SKD_SESSIONS_MAX = 64, /* open at once in a daemon */
-    SKD_POSES_MAX = 1024,  /* of one session */
+    SKD_SESSIONS_MAX = 64,     /* open at once in a daemon */
+    SKD_POSES_MAX = 1024,      /* of one session */
+    SKD_GUARD_COUNT_MAX = 64,  /* guard poses that a session keeps */
+    SKD_GUARD_NAMES_MAX = 256, /* poses, or clips, that guard.set names to pick from */
+    SKD_REFIT_ROUNDS_MAX = 16,
     SKD_CONNECTIONS_MAX = 1200,
     SKD_REQUESTS_MAX = 64, /* unanswered, of one connection; then its bytes wait */
 };

@@ -1,8 +1,10 @@
 /* The methods: what each takes, and what its parameters must have to do with each other. See
- * request.h. A new parameter is a new row; only what ties several members together is code. */
+ * request.h. A new parameter is a new row; what ties several members together is in
+ * request_checks.c. */
 #include "protocol/request.h"
 
 #include "base/utf8.h"
+#include "protocol/request_checks.h"
 #include "protocol/request_fields.h"
 
 #include <float.h>
@@ -12,8 +14,6 @@
 #include <string.h>
 
 enum { QUOTED_BYTES = 80 };
-
-static const char *const reduce_words[] = {"refuse", "largest", NULL};
 
 _Static_assert(sizeof(enum skd_reduce) == sizeof(int), "read as a word");
 
@@ -124,7 +124,7 @@ static const struct skd_field session_create_fields[] = {
      .fallback = 4,
      AT(session_create, influences)},
     WORD(session_create, "fill", fill, skd_fill_words, 2),
-    WORD(session_create, "reduce", reduce, reduce_words, SKD_REDUCE_REFUSE),
+    WORD(session_create, "reduce", reduce, skd_reduce_words, SKD_REDUCE_REFUSE),
     ARRAY(session_create, "positions", positions, SKD_F32, 3),
     ARRAY(session_create, "triangles", triangles, SKD_U32, 3),
     {.name = "bones", .kind = SKD_FIELD_OBJECT, .members = bone_fields},
@@ -195,23 +195,50 @@ static const struct skd_field weights_set_fields[] = {
     SESSION(weights_set),
     REQUIRED_ARRAY(weights_set, "vertices", vertices, SKD_U32, 0),
     REQUIRED_ARRAY(weights_set, "weights", weights, SKD_F32, SKD_ROW_OF_SLOTS),
+    ARRAY(weights_set, "joints", joints, SKD_U16, SKD_ROW_OF_SLOTS),
+    ARRAY(weights_set, "rest", rest, SKD_F32, 3),
+    {.name = "shape",
+     .kind = SKD_FIELD_TEXT,
+     .low = 1,
+     .high = SKD_POSE_NAME_BYTES_MAX,
+     AT(weights_set, shape)},
+    ARRAY(weights_set, "offsets", offsets, SKD_F32, 3),
     END,
 };
+
+/* What every solve of targets takes, however they came to be. */
+#define SOLVE_FIELDS                                                                               \
+    {.name = "stream", .kind = SKD_FIELD_FLAG, .fallback = true, AT(stroke, stream)},              \
+        WORD(stroke, "constraint", constraint, skd_constraint_words, 0), STIFFNESS,                \
+        WORD(stroke, "slots", slots, skd_slots_words, SKD_WORD_KEEP),                              \
+        {.name = "guard",                                                                          \
+         .kind = SKD_FIELD_NUMBER,                                                                 \
+         .high = SKD_GUARD_MAX,                                                                    \
+         .fallback = 0.3,                                                                          \
+         AT(stroke, guard),                                                                        \
+         GIVEN(stroke, guard_given)},                                                              \
+        {.name = "smooth", .kind = SKD_FIELD_NUMBER, .high = SKD_SMOOTH_MAX, AT(stroke, smooth)},  \
+        WORD(stroke, "residual", residual, skd_residual_words, SKD_WORD_REPORT),                   \
+        {.name = "locked_bones",                                                                   \
+         .kind = SKD_FIELD_NAMES,                                                                  \
+         AT(stroke, locked_bones),                                                                 \
+         .count_offset = offsetof(struct skd_stroke_params, locked_bone_count)},                   \
+        ARRAY(stroke, "locked_vertices", locked_vertices, SKD_U32, 0)
+#define STIFFNESS                                                                                  \
+    {                                                                                              \
+        .name = "stiffness", .kind = SKD_FIELD_NUMBER, .high = SKD_STIFFNESS_MAX, .fallback = NAN, \
+        AT(stroke, stiffness)                                                                      \
+    }
 
 static const struct skd_field stroke_fields[] = {
     SESSION(stroke),
     POSE(stroke),
     REQUIRED_ARRAY(stroke, "vertices", vertices, SKD_U32, 0),
     REQUIRED_ARRAY(stroke, "positions", positions, SKD_F32, 3),
-    {.name = "stream", .kind = SKD_FIELD_FLAG, .fallback = true, AT(stroke, stream)},
+    ARRAY(stroke, "mask", mask, SKD_F32, 0),
+    {.name = "mix", .kind = SKD_FIELD_NUMBER, .high = 1, .fallback = 1, AT(stroke, mix)},
+    WORD(stroke, "pin", pin, skd_pin_words, SKD_WORD_SET),
     WORD(stroke, "method", method, skd_method_words, 0),
-    WORD(stroke, "constraint", constraint, skd_constraint_words, 0),
-    {.name = "stiffness",
-     .kind = SKD_FIELD_NUMBER,
-     .low = 0,
-     .high = 10,
-     .fallback = 0.008,
-     AT(stroke, stiffness)},
     {.name = "thesis_k",
      .kind = SKD_FIELD_NUMBER,
      .low = DBL_TRUE_MIN,
@@ -224,134 +251,138 @@ static const struct skd_field stroke_fields[] = {
      .high = DBL_MAX,
      .fallback = 1.2,
      AT(stroke, thesis_h)},
-    {.name = "locked_bones",
-     .kind = SKD_FIELD_NAMES,
-     AT(stroke, locked_bones),
-     .count_offset = offsetof(struct skd_stroke_params, locked_bone_count)},
-    ARRAY(stroke, "locked_vertices", locked_vertices, SKD_U32, 0),
+    SOLVE_FIELDS,
     END,
 };
 
-static enum skd_status check_hello(struct skd_request *request, struct skd_error *error)
-{
-    struct skd_hello_params *hello = &request->params.hello;
-    if (hello->client_name == NULL)
-        hello->client_name = "";
-    if (hello->client_version == NULL)
-        hello->client_version = "";
-    if (hello->protocol_min > hello->protocol_max)
-        return skd_fail(error, SKD_BAD_PARAMS, "hello: protocol.min is %d and protocol.max %d",
-                        hello->protocol_min, hello->protocol_max);
-    return SKD_OK;
-}
+static const struct skd_field pins_solve_fields[] = {
+    SESSION(stroke), POSE(stroke), VERTICES(stroke), SOLVE_FIELDS, END,
+};
 
-/* The arrays of a rig: all of them, and of lengths that go together. */
-static enum skd_status check_rig_arrays(const struct skd_session_create_params *rig,
-                                        struct skd_error *error)
-{
-    const struct {
-        const char *name;
-        const struct skd_array *array;
-    } needed[] = {
-        {"positions", &rig->positions},
-        {"triangles", &rig->triangles},
-        {"bones", &rig->bone_parents},
-        {"influence_offsets", &rig->influence_offsets},
-        {"influence_joints", &rig->influence_joints},
-        {"influence_weights", &rig->influence_weights},
-    };
-    for (size_t i = 0; i < sizeof needed / sizeof needed[0]; i++)
-        if (needed[i].array->data == NULL)
-            return skd_fail(error, SKD_BAD_PARAMS,
-                            "session.create: %s is missing; give file, or positions, triangles, "
-                            "bones and influence_offsets, _joints, _weights",
-                            needed[i].name);
-    if (rig->influence_offsets.rows != rig->positions.rows + 1)
-        return skd_fail(error, SKD_COUNT_MISMATCH,
-                        "session.create: influence_offsets has %zu numbers but positions has %zu "
-                        "rows; send one offset a vertex and the end",
-                        rig->influence_offsets.rows, rig->positions.rows);
-    if (rig->influence_joints.rows != rig->influence_weights.rows)
-        return skd_fail(error, SKD_COUNT_MISMATCH,
-                        "session.create: influence_joints has %zu numbers but influence_weights "
-                        "has %zu; send one joint a weight",
-                        rig->influence_joints.rows, rig->influence_weights.rows);
-    if (rig->bone_parents.rows != rig->bone_binds.rows)
-        return skd_fail(error, SKD_COUNT_MISMATCH,
-                        "session.create: bones.parents has %zu numbers but bones.binds has %zu "
-                        "matrices; send one of each a bone",
-                        rig->bone_parents.rows, rig->bone_binds.rows);
-    if (rig->bone_names != NULL && rig->bone_name_count != rig->bone_parents.rows)
-        return skd_fail(error, SKD_COUNT_MISMATCH,
-                        "session.create: bones.names has %zu names but bones.parents has %zu "
-                        "numbers; send one of each a bone, or no names",
-                        rig->bone_name_count, rig->bone_parents.rows);
-    return SKD_OK;
-}
+static const struct skd_field refit_fields[] = {
+    SESSION(stroke),
+    {.name = "poses",
+     .kind = SKD_FIELD_NAMES,
+     .is_required = true,
+     .low = 1,
+     .high = SKD_POSES_MAX,
+     AT(stroke, poses),
+     .count_offset = offsetof(struct skd_stroke_params, pose_count)},
+    REQUIRED_ARRAY(stroke, "positions", positions, SKD_F32, 3),
+    STIFFNESS,
+    WORD(stroke, "slots", slots, skd_slots_words, SKD_WORD_EVIDENCE),
+    {.name = "rounds",
+     .kind = SKD_FIELD_WHOLE,
+     .low = 1,
+     .high = SKD_REFIT_ROUNDS_MAX,
+     .fallback = 3,
+     AT(stroke, rounds)},
+    END,
+};
 
-static enum skd_status check_session_create(struct skd_request *request, struct skd_error *error)
-{
-    const struct skd_session_create_params *rig = &request->params.session_create;
-    bool has_array = rig->positions.data != NULL || rig->triangles.data != NULL ||
-                     rig->bone_parents.data != NULL || rig->influence_offsets.data != NULL ||
-                     rig->influence_joints.data != NULL || rig->influence_weights.data != NULL;
-    if (rig->influences != 4 && rig->influences != 8)
-        return skd_fail(error, SKD_BAD_PARAMS, "session.create: influences is %d; it is 4 or 8",
-                        rig->influences);
-    if (rig->file == NULL)
-        return check_rig_arrays(rig, error);
-    if (has_array)
-        return skd_fail(error, SKD_BAD_PARAMS,
-                        "session.create: there is a file and there are arrays; give one of them");
-    return SKD_OK;
-}
+static const struct skd_field layer_fields[] = {SESSION(pins), POSE(pins), END};
 
-static enum skd_status check_pose_set(struct skd_request *request, struct skd_error *error)
-{
-    const struct skd_pose_set_params *pose = &request->params.pose_set;
-    bool has_clip = pose->clip != NULL;
-    bool has_time = !isnan(pose->time);
-    bool has_bend = !isnan(pose->bend);
-    bool has_matrices = pose->matrices.data != NULL;
-    if (has_clip != has_time || has_clip + has_bend + has_matrices != 1)
-        return skd_fail(error, SKD_BAD_PARAMS,
-                        "pose.set: give one of clip and time, bend, or matrices");
-    return SKD_OK;
-}
+static const struct skd_field pins_weigh_fields[] = {
+    SESSION(pins),
+    POSE(pins),
+    {.name = "weight",
+     .kind = SKD_FIELD_NUMBER,
+     .is_required = true,
+     .high = SKD_PIN_WEIGHT_MAX,
+     AT(pins, weight)},
+    VERTICES(pins),
+    END,
+};
 
-static enum skd_status check_stroke(struct skd_request *request, struct skd_error *error)
-{
-    const struct skd_stroke_params *stroke = &request->params.stroke;
-    if (stroke->positions.rows != stroke->vertices.rows)
-        return skd_fail(error, SKD_COUNT_MISMATCH,
-                        "stroke.apply: positions has %zu rows but vertices has %zu; send one "
-                        "position a vertex",
-                        stroke->positions.rows, stroke->vertices.rows);
-    return SKD_OK;
-}
+static const struct skd_field pins_clear_fields[] = {
+    SESSION(pins),
+    {.name = "pose",
+     .kind = SKD_FIELD_TEXT,
+     .low = 1,
+     .high = SKD_POSE_NAME_BYTES_MAX,
+     AT(pins, pose)},
+    VERTICES(pins),
+    END,
+};
 
-/* Whether the rows are as wide as this session's is asked when the session is at hand. */
-static enum skd_status check_weights_set(struct skd_request *request, struct skd_error *error)
-{
-    const struct skd_weights_set_params *set = &request->params.weights_set;
-    const size_t rows = set->vertices.rows, count = set->weights.count;
-    bool is_flat = set->weights.rows == count;
-    bool fits = is_flat ? count == 4 * rows || count == 8 * rows : set->weights.rows == rows;
-    if (fits)
-        return SKD_OK;
-    return skd_fail(error, SKD_COUNT_MISMATCH,
-                    "weights.set: weights has %zu %s but vertices has %zu; send one row a vertex",
-                    set->weights.rows, is_flat ? "numbers" : "rows", rows);
-}
+static const struct skd_field guard_set_fields[] = {
+    SESSION(guard_set),
+    {.name = "poses",
+     .kind = SKD_FIELD_NAMES,
+     .high = SKD_GUARD_NAMES_MAX,
+     AT(guard_set, poses),
+     .count_offset = offsetof(struct skd_guard_set_params, pose_count)},
+    {.name = "clips",
+     .kind = SKD_FIELD_NAMES,
+     .high = SKD_GUARD_NAMES_MAX,
+     AT(guard_set, clips),
+     .count_offset = offsetof(struct skd_guard_set_params, clip_count)},
+    ARRAY(guard_set, "matrices", matrices, SKD_F64, 16),
+    {.name = "count",
+     .kind = SKD_FIELD_WHOLE,
+     .low = 1,
+     .high = SKD_GUARD_COUNT_MAX,
+     .fallback = 8,
+     AT(guard_set, count)},
+    END,
+};
+
+static const struct skd_field weights_mirror_fields[] = {
+    SESSION(weights_edit),
+    WORD(weights_edit, "axis", axis, skd_axis_words, 0),
+    WORD(weights_edit, "from", from, skd_side_words, 0),
+    {.name = "origin",
+     .kind = SKD_FIELD_NUMBER,
+     .low = -DBL_MAX,
+     .high = DBL_MAX,
+     AT(weights_edit, origin)},
+    {.name = "tolerance",
+     .kind = SKD_FIELD_NUMBER,
+     .high = 1,
+     .fallback = 1e-3,
+     AT(weights_edit, tolerance)},
+    VERTICES(weights_edit),
+    END,
+};
+
+static const struct skd_field weights_prune_fields[] = {
+    SESSION(weights_edit),
+    {.name = "below",
+     .kind = SKD_FIELD_NUMBER,
+     .high = 1,
+     .fallback = 0.01,
+     AT(weights_edit, below)},
+    VERTICES(weights_edit),
+    END,
+};
+
+static const struct skd_field weights_reduce_fields[] = {
+    SESSION(weights_edit),
+    {.name = "influences",
+     .kind = SKD_FIELD_WHOLE,
+     .is_required = true,
+     .low = 1,
+     .high = 8,
+     AT(weights_edit, influences)},
+    WORD(weights_edit, "by", by, skd_reduce_by_words, SKD_REDUCE_BY_POSES),
+    {.name = "poses",
+     .kind = SKD_FIELD_NAMES,
+     .low = 1,
+     .high = SKD_POSES_MAX,
+     AT(weights_edit, poses),
+     .count_offset = offsetof(struct skd_weights_edit_params, pose_count)},
+    VERTICES(weights_edit),
+    END,
+};
 
 static const struct {
     const struct skd_field *fields;
     enum skd_status (*check)(struct skd_request *request, struct skd_error *error);
 } methods[SKD_REQUEST_METHOD_COUNT] = {
-    [SKD_REQUEST_HELLO] = {hello_fields, check_hello},
+    [SKD_REQUEST_HELLO] = {hello_fields, skd_check_hello},
     [SKD_REQUEST_PING] = {no_fields, NULL},
     [SKD_REQUEST_CANCEL] = {cancel_fields, NULL},
-    [SKD_REQUEST_SESSION_CREATE] = {session_create_fields, check_session_create},
+    [SKD_REQUEST_SESSION_CREATE] = {session_create_fields, skd_check_session_create},
     [SKD_REQUEST_SESSION_LIST] = {no_fields, NULL},
     [SKD_REQUEST_SESSION_INFO] = {session_fields, NULL},
     [SKD_REQUEST_SESSION_ATTACH] = {attach_fields, NULL},
@@ -359,11 +390,24 @@ static const struct {
     [SKD_REQUEST_SESSION_CLOSE] = {session_fields, NULL},
     [SKD_REQUEST_SESSION_EXPORT] = {export_fields, NULL},
     [SKD_REQUEST_MESH_GET] = {session_fields, NULL},
-    [SKD_REQUEST_POSE_SET] = {pose_set_fields, check_pose_set},
+    [SKD_REQUEST_POSE_SET] = {pose_set_fields, skd_check_pose_set},
     [SKD_REQUEST_POSE_EVALUATE] = {pose_evaluate_fields, NULL},
-    [SKD_REQUEST_STROKE_APPLY] = {stroke_fields, check_stroke},
+    [SKD_REQUEST_STROKE_APPLY] = {stroke_fields, skd_check_stroke},
+    [SKD_REQUEST_PINS_LIST] = {session_fields, NULL},
+    [SKD_REQUEST_PINS_GET] = {layer_fields, NULL},
+    [SKD_REQUEST_PINS_WEIGH] = {pins_weigh_fields, NULL},
+    [SKD_REQUEST_PINS_CLEAR] = {pins_clear_fields, NULL},
+    [SKD_REQUEST_PINS_SOLVE] = {pins_solve_fields, skd_check_pins_solve},
+    [SKD_REQUEST_GUARD_SET] = {guard_set_fields, NULL},
+    [SKD_REQUEST_GUARD_GET] = {session_fields, NULL},
+    [SKD_REQUEST_SHAPES_LIST] = {session_fields, NULL},
+    [SKD_REQUEST_SHAPES_GET] = {layer_fields, NULL},
+    [SKD_REQUEST_SESSION_REFIT] = {refit_fields, skd_check_refit},
     [SKD_REQUEST_WEIGHTS_GET] = {weights_get_fields, NULL},
-    [SKD_REQUEST_WEIGHTS_SET] = {weights_set_fields, check_weights_set},
+    [SKD_REQUEST_WEIGHTS_SET] = {weights_set_fields, skd_check_weights_set},
+    [SKD_REQUEST_WEIGHTS_MIRROR] = {weights_mirror_fields, NULL},
+    [SKD_REQUEST_WEIGHTS_PRUNE] = {weights_prune_fields, NULL},
+    [SKD_REQUEST_WEIGHTS_REDUCE] = {weights_reduce_fields, skd_check_weights_reduce},
     [SKD_REQUEST_HISTORY_UNDO] = {session_fields, NULL},
     [SKD_REQUEST_HISTORY_REDO] = {session_fields, NULL},
     [SKD_REQUEST_STATS] = {no_fields, NULL},

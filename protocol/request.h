@@ -8,43 +8,7 @@
 #define SKD_PROTOCOL_REQUEST_H
 
 #include "protocol/message.h"
-
-/* Every method a client may call; X(enum, wire name). */
-#define SKD_REQUESTS(X)                                                                            \
-    X(HELLO, "hello")                                                                              \
-    X(PING, "ping")                                                                                \
-    X(CANCEL, "cancel")                                                                            \
-    X(SESSION_CREATE, "session.create")                                                            \
-    X(SESSION_LIST, "session.list")                                                                \
-    X(SESSION_INFO, "session.info")                                                                \
-    X(SESSION_ATTACH, "session.attach")                                                            \
-    X(SESSION_DETACH, "session.detach")                                                            \
-    X(SESSION_CLOSE, "session.close")                                                              \
-    X(SESSION_EXPORT, "session.export")                                                            \
-    X(MESH_GET, "mesh.get")                                                                        \
-    X(POSE_SET, "pose.set")                                                                        \
-    X(POSE_EVALUATE, "pose.evaluate")                                                              \
-    X(STROKE_APPLY, "stroke.apply")                                                                \
-    X(WEIGHTS_GET, "weights.get")                                                                  \
-    X(WEIGHTS_SET, "weights.set")                                                                  \
-    X(HISTORY_UNDO, "history.undo")                                                                \
-    X(HISTORY_REDO, "history.redo")                                                                \
-    X(STATS, "stats")                                                                              \
-    X(SHUTDOWN, "shutdown")
-
-enum skd_request_method {
-#define SKD_REQUEST_ENUM(name, wire) SKD_REQUEST_##name,
-    SKD_REQUESTS(SKD_REQUEST_ENUM)
-#undef SKD_REQUEST_ENUM
-        SKD_REQUEST_METHOD_COUNT
-};
-
-const char *skd_request_method_name(enum skd_request_method method);
-
-/* Words that both sides spell the same; the order is the solver's enums'. */
-extern const char *const skd_method_words[];     /* "exact", "thesis", NULL */
-extern const char *const skd_constraint_words[]; /* "simplex", "affine", NULL */
-extern const char *const skd_fill_words[];       /* "hop", "infect", "neighbours", "none", NULL */
+#include "protocol/words.h"
 
 struct skd_hello_params {
     const char *client_name; /* "" when not said */
@@ -56,8 +20,6 @@ struct skd_hello_params {
 struct skd_cancel_params {
     struct skd_request_id target;
 };
-
-enum skd_reduce { SKD_REDUCE_REFUSE, SKD_REDUCE_LARGEST };
 
 struct skd_session_create_params {
     const char *name; /* NULL: made from the file's name, or "rig" */
@@ -111,22 +73,77 @@ struct skd_weights_set_params {
     const char *session;
     struct skd_array vertices; /* u32 [n] */
     struct skd_array weights;  /* f32 [n,N]: N is 4 or 8, and the session knows which */
+    struct skd_array joints;   /* u16, the shape of weights; data NULL: the slots stay */
+    struct skd_array rest;     /* f32 [n,3]; data NULL: the rest positions stay */
+    const char *shape;         /* a pose, with its offsets; NULL: shapes stay */
+    struct skd_array offsets;  /* f32 [n,3] */
 };
 
+/* stroke.apply, pins.solve and session.refit: poses, targets, and how to solve for them. A member
+ * that a method does not take is 0, false or NULL, but for `mix`, which is 1, and `pin`, which is
+ * "none". */
 struct skd_stroke_params {
     const char *session;
-    const char *pose;
-    struct skd_array vertices;  /* u32 [n] */
-    struct skd_array positions; /* f32 [n,3] */
+    const char *pose;          /* stroke.apply, pins.solve */
+    const char **poses;        /* session.refit: names, owned by the request */
+    size_t pose_count;         /* session.refit: 1 to SKD_POSES_MAX */
+    int rounds;                /* session.refit: 1 to SKD_REFIT_ROUNDS_MAX */
+    struct skd_array vertices; /* u32 [n]; pins.solve: not given, all that are pinned */
+    bool vertices_given;
+    struct skd_array positions; /* f32 [n,3]; session.refit: [P*V,3], a whole number of P */
+    struct skd_array mask;      /* f32 [n], 0..1 (for the job to look at); data NULL: all 1 */
+    double mix;                 /* 0..1 */
     bool stream;                /* default true */
     int method;                 /* index into skd_method_words */
     int constraint;
-    double stiffness; /* kappa, 0..10, default 0.008 */
+    double stiffness; /* kappa, 0..10; NAN: to be chosen from the data */
+    double guard;     /* lambda, 0..1000 */
+    double smooth;    /* mu, 0..10 */
+    int pin;          /* index into skd_pin_words */
+    int slots;        /* index into skd_slots_words */
+    int residual;     /* index into skd_residual_words */
+    bool guard_given;
     double thesis_k;
     double thesis_h;
     const char **locked_bones; /* names, owned by the request */
     size_t locked_bone_count;
     struct skd_array locked_vertices; /* u32 */
+};
+
+/* pins.get, pins.weigh, pins.clear, shapes.get. */
+struct skd_pins_params {
+    const char *session;
+    const char *pose; /* NULL (pins.clear): all poses */
+    double weight;    /* pins.weigh: 0..1000 */
+    struct skd_array vertices;
+    bool vertices_given; /* false: all that are pinned */
+};
+
+/* guard.set: none of the three lists clears the guard. */
+struct skd_guard_set_params {
+    const char *session;
+    const char **poses; /* names of the session's, owned by the request; NULL: not given */
+    size_t pose_count;
+    const char **clips;
+    size_t clip_count;
+    struct skd_array matrices; /* f64 [Q*B,16] */
+    int count;                 /* most poses to pick, 1 to SKD_GUARD_COUNT_MAX */
+};
+
+/* weights.mirror, weights.prune, weights.reduce. */
+struct skd_weights_edit_params {
+    const char *session;
+    struct skd_array vertices;
+    bool vertices_given; /* false: all (mirror: all of the side written) */
+    int axis;            /* mirror: index into skd_axis_words, so 0, 1, 2 */
+    int from;            /* mirror: index into skd_side_words; 0: from the positive side */
+    double origin;       /* mirror: where the plane cuts the axis, scene units */
+    double tolerance;    /* mirror: shares of the rig's length, above 0 to 1 */
+    double below;        /* prune: 0..1 */
+    int influences;      /* reduce: 1 to 8 */
+    int by;              /* reduce: enum skd_reduce_by */
+    const char **poses;  /* reduce: names, owned by the request; NULL: not given */
+    size_t pose_count;
 };
 
 struct skd_request {
@@ -142,6 +159,9 @@ struct skd_request {
         struct skd_weights_get_params weights_get;
         struct skd_weights_set_params weights_set;
         struct skd_stroke_params stroke;
+        struct skd_pins_params pins;
+        struct skd_guard_set_params guard_set;
+        struct skd_weights_edit_params weights_edit;
     } params;
     void *owned[16]; /* memory of inline arrays and name lists */
     int owned_count;

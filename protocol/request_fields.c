@@ -195,6 +195,10 @@ static enum skd_status read_names(const struct reading *reading, const struct sk
     if (!cJSON_IsArray(item))
         return fail(reading, field, "is not a list of strings");
     size_t count = (size_t)cJSON_GetArraySize(item);
+    if (field->high > 0 && ((double)count < field->low || (double)count > field->high))
+        return skd_fail(reading->error, SKD_BAD_PARAMS,
+                        "%s: %s has %zu names; it may have %.0f to %.0f", reading->method,
+                        field->name, count, field->low, field->high);
     const char **names = malloc((count + 1) * sizeof *names);
     if (names == NULL)
         return skd_fail_memory(reading->error, field->name);

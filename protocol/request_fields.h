@@ -19,7 +19,8 @@ enum skd_field_kind {
     SKD_FIELD_WORD,    /* int: index into words */
     SKD_FIELD_ID,      /* struct skd_request_id */
     SKD_FIELD_ARRAY,   /* struct skd_array of dtype, in rows of row_width (0: flat) */
-    SKD_FIELD_NAMES,   /* const char **, owned by the request; its length at count_offset */
+    SKD_FIELD_NAMES,   /* const char **, owned by the request; its length at count_offset, low to
+                          high (high 0: as many as JSON can hold) */
     SKD_FIELD_OBJECT   /* members, read into the same struct */
 };
 

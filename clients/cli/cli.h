@@ -66,6 +66,8 @@ extern const struct skd_command skd_command_load, skd_command_list, skd_command_
 extern const struct skd_command skd_command_close;
 extern const struct skd_command skd_command_undo, skd_command_redo, skd_command_export;
 extern const struct skd_command skd_command_pose, skd_command_weights, skd_command_stroke;
+extern const struct skd_command skd_command_pins, skd_command_guard, skd_command_shapes;
+extern const struct skd_command skd_command_refit;
 extern const struct skd_command skd_command_replay, skd_command_script, skd_command_generate;
 extern const struct skd_command skd_command_watch, skd_command_call;
 

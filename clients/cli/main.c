@@ -15,7 +15,8 @@ static const struct skd_command *const commands[] = {
     &skd_command_start,   &skd_command_stop,   &skd_command_status, &skd_command_load,
     &skd_command_list,    &skd_command_info,   &skd_command_export, &skd_command_close,
     &skd_command_pose,    &skd_command_stroke, &skd_command_undo,   &skd_command_redo,
-    &skd_command_weights, &skd_command_script, &skd_command_replay, &skd_command_generate,
+    &skd_command_weights, &skd_command_pins,   &skd_command_guard,  &skd_command_shapes,
+    &skd_command_refit,   &skd_command_script, &skd_command_replay, &skd_command_generate,
     &skd_command_watch,   &skd_command_call,
 };
 enum { COMMAND_COUNT = sizeof commands / sizeof *commands };
@@ -112,7 +113,7 @@ static int run_command(const struct skd_command *command, int argc, const char *
     };
     const struct poptOption *table = command->options != NULL ? both : both + 1;
     const char *no_arguments[] = {NULL};
-    char program[32], usage[64], help[32];
+    char program[32], usage[128], help[32];
     (void)snprintf(program, sizeof program, "skinctl %s", command->name);
     (void)snprintf(usage, sizeof usage, "[OPTION...] %s", command->arguments);
     (void)snprintf(help, sizeof help, "%s ", command->name);

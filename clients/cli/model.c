@@ -2,6 +2,7 @@
 #include "clients/cli/model.h"
 
 #include "clients/cli/print.h"
+#include "clients/cli/values.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -178,4 +179,27 @@ enum skd_status skd_model_evaluate(struct skd_model *model, const char *pose,
     return read_array(&positions->message, "positions", SKD_F32, 3,
                       vertices != NULL ? count : model->vertex_count, &positions->array,
                       &positions->owned, error);
+}
+
+enum skd_status skd_default_output(struct skd_link *link, const char *session,
+                                   char path[SKD_PATH_BYTES_MAX], struct skd_error *error)
+{
+    struct skd_model model;
+    enum skd_status status = skd_model_open(&model, link, session, error);
+    const char *source = skd_json_text(model.info.result, "source");
+    const char *slash = strrchr(source, '/');
+    const char *stem = slash != NULL ? slash + 1 : source;
+    const char *dot = strrchr(stem, '.');
+    if (status == SKD_OK && dot == NULL) {
+        status = skd_fail(error, SKD_BAD_PARAMS,
+                          "session \"%s\" was not made from a file; say where to write with "
+                          "--output",
+                          session);
+    } else if (status == SKD_OK) {
+        char name[SKD_PATH_BYTES_MAX];
+        (void)snprintf(name, sizeof name, "%.*s-skind%s", (int)(dot - stem), stem, dot);
+        status = skd_path_absolute(name, path, error);
+    }
+    skd_model_close(&model);
+    return status;
 }

@@ -65,6 +65,12 @@ SKD_MUST_CHECK enum skd_status skd_model_evaluate(struct skd_model *model, const
 /* A request's body with its session. */
 cJSON *skd_session_body(const char *session);
 
+/* Where a session's export goes when nobody says: "/a/knight.glb" gives "knight-skind.glb" in the
+ * current folder. Errors: the daemon's; SKD_BAD_PARAMS for a session that is not from a file. */
+SKD_MUST_CHECK enum skd_status skd_default_output(struct skd_link *link, const char *session,
+                                                  char path[SKD_PATH_BYTES_MAX],
+                                                  struct skd_error *error);
+
 /* session.export to an absolute path; finish *answer in any case. */
 SKD_MUST_CHECK enum skd_status skd_session_export(struct skd_link *link, const char *session,
                                                   const char *path, struct skd_message *answer,

@@ -1,6 +1,7 @@
 /* See play.h. */
 #include "clients/cli/play.h"
 
+#include "clients/cli/cli.h"
 #include "clients/cli/print.h"
 #include "clients/cli/values.h"
 
@@ -180,16 +181,29 @@ static void on_weights(void *user, const struct skd_message *message)
         skd_progress_set(&streaming->progress, (double)streaming->streamed / total);
 }
 
-static cJSON *stroke_body(const struct skd_model *model, const struct skd_script_stroke *stroke)
+static void add_text(cJSON *body, const char *name, const char *text)
+{
+    if (text != NULL)
+        cJSON_AddStringToObject(body, name, text);
+}
+
+static void add_number(cJSON *body, const char *name, const double *number)
+{
+    if (number != NULL)
+        cJSON_AddNumberToObject(body, name, *number);
+}
+
+/* What stroke.apply and pins.solve both take. */
+static cJSON *solve_body(const struct skd_model *model, const struct skd_script_stroke *stroke)
 {
     cJSON *body = skd_session_body(model->session);
     cJSON_AddStringToObject(body, "pose", stroke->pose);
-    if (stroke->method != NULL)
-        cJSON_AddStringToObject(body, "method", stroke->method);
-    if (stroke->constraint != NULL)
-        cJSON_AddStringToObject(body, "constraint", stroke->constraint);
-    if (stroke->stiffness != NULL)
-        cJSON_AddNumberToObject(body, "stiffness", *stroke->stiffness);
+    add_text(body, "constraint", stroke->constraint);
+    add_number(body, "stiffness", stroke->stiffness);
+    add_text(body, "slots", stroke->slots);
+    add_number(body, "guard", stroke->guard);
+    add_number(body, "smooth", stroke->smooth);
+    add_text(body, "residual", stroke->residual);
     if (stroke->lock_bones_count > 0)
         cJSON_AddItemToObject(body, "locked_bones",
                               cJSON_CreateStringArray((const char *const *)stroke->lock_bones,
@@ -197,11 +211,38 @@ static cJSON *stroke_body(const struct skd_model *model, const struct skd_script
     return body;
 }
 
+static cJSON *stroke_body(const struct skd_model *model, const struct skd_script_stroke *stroke)
+{
+    cJSON *body = solve_body(model, stroke);
+    add_text(body, "method", stroke->method);
+    add_text(body, "pin", stroke->pin);
+    add_number(body, "mix", stroke->mix);
+    return body;
+}
+
+enum skd_status skd_play_call(struct skd_link *link, const char *method, cJSON *body,
+                              const struct skd_array_out *arrays, int array_count,
+                              struct skd_outcome *outcome, struct skd_error *error)
+{
+    struct streaming streaming = {0};
+    *outcome = (struct skd_outcome){0};
+    skd_progress_begin(&streaming.progress, "solving");
+    link->notify = on_weights;
+    link->user = &streaming;
+    double begun = skd_clock_s();
+    enum skd_status status =
+        skd_link_call(link, method, body, arrays, array_count, &outcome->answer, error);
+    outcome->round_trip_ms = 1e3 * (skd_clock_s() - begun);
+    outcome->streamed = streaming.streamed;
+    link->notify = NULL;
+    skd_progress_end(&streaming.progress);
+    return status;
+}
+
 enum skd_status skd_play_stroke(struct skd_model *model, const struct skd_script_stroke *stroke,
                                 struct skd_outcome *outcome, struct skd_error *error)
 {
     struct skd_brushed brushed = {0};
-    struct streaming streaming = {0};
     enum skd_status status = SKD_OK;
     *outcome = (struct skd_outcome){0};
     if (stroke->brush != NULL)
@@ -213,25 +254,45 @@ enum skd_status skd_play_stroke(struct skd_model *model, const struct skd_script
             {"vertices", SKD_U32, count, 0, is_brushed ? brushed.vertices : stroke->vertices},
             {"positions", SKD_F32, count, 3,
              is_brushed ? brushed.positions : &stroke->positions[0][0]},
+            {"mask", SKD_F32, stroke->mask_count, 0, stroke->mask},
         };
-        skd_progress_begin(&streaming.progress, "solving");
-        model->link->notify = on_weights;
-        model->link->user = &streaming;
-        double begun = skd_clock_s();
-        status = skd_link_call(model->link, "stroke.apply", stroke_body(model, stroke), arrays, 2,
-                               &outcome->answer, error);
-        outcome->round_trip_ms = 1e3 * (skd_clock_s() - begun);
-        outcome->streamed = streaming.streamed;
-        model->link->notify = NULL;
-        skd_progress_end(&streaming.progress);
+        status = skd_play_call(model->link, "stroke.apply", stroke_body(model, stroke), arrays,
+                               stroke->mask_count > 0 ? 3 : 2, outcome, error);
     }
     skd_brushed_finish(&brushed);
     return status;
 }
 
-cJSON *skd_outcome_json(const struct skd_outcome *outcome, const char *pose)
+enum skd_status skd_play_pins(struct skd_model *model, const struct skd_script_stroke *stroke,
+                              struct skd_outcome *outcome, struct skd_error *error)
+{
+    const struct skd_array_out named = {"vertices", SKD_U32, stroke->vertices_count, 0,
+                                        stroke->vertices};
+    return skd_play_call(model->link, "pins.solve", solve_body(model, stroke), &named,
+                         stroke->vertices != NULL, outcome, error);
+}
+
+/* An array of the answer in the place of the reference to it. */
+static void spell_out(cJSON *json, const struct skd_message *answer, const char *name)
+{
+    struct skd_array array;
+    struct skd_error ignored;
+    void *owned;
+    cJSON_DeleteItemFromObjectCaseSensitive(json, name);
+    if (skd_message_array(answer, answer->result, name, SKD_F32, 0, &array, &owned, &ignored) ==
+            SKD_OK &&
+        array.data != NULL)
+        cJSON_AddItemToObject(json, name, cJSON_CreateFloatArray(array.data, (int)array.count));
+    free(owned);
+}
+
+cJSON *skd_outcome_json(const struct skd_outcome *outcome, const char *pose, bool with_residuals)
 {
     cJSON *json = cJSON_Duplicate(outcome->answer.result, true);
+    if (with_residuals)
+        spell_out(json, &outcome->answer, "residuals");
+    else
+        cJSON_DeleteItemFromObjectCaseSensitive(json, "residuals");
     cJSON_AddStringToObject(json, "pose", pose);
     cJSON_AddNumberToObject(json, "streamed", (double)outcome->streamed);
     cJSON_AddNumberToObject(json, "round_trip_ms", outcome->round_trip_ms);
@@ -265,14 +326,43 @@ static struct figures read_figures(const struct skd_outcome *outcome)
     return figures;
 }
 
+/* How it was solved, and what else changed. */
+static void print_solved(const cJSON *result)
+{
+    static const struct {
+        const char *member, *text;
+    } counts[] = {{"slots_changed", "with other bones"},
+                  {"rest_moved", "with another rest position"},
+                  {"shaped", "shaped"}};
+    double poses = skd_json_number(result, "poses");
+    printf("; stiffness %.3g", skd_json_number(result, "stiffness"));
+    if (poses > 1)
+        printf(", %.0f poses", poses);
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
+        char text[SKD_COUNT_TEXT_BYTES];
+        double count = skd_json_number(result, counts[i].member);
+        if (count > 0)
+            printf("; %s %s", skd_count_text(count, text), counts[i].text);
+    }
+}
+
+static void say_warnings(const cJSON *result)
+{
+    const cJSON *warning;
+    cJSON_ArrayForEach(warning, cJSON_GetObjectItemCaseSensitive(result, "warnings"))
+        skd_cli_say("warning: %s", skd_json_text(warning, "text"));
+}
+
 void skd_outcome_print(const struct skd_outcome *outcome, const char *pose)
 {
     struct figures figures = read_figures(outcome);
     printf("%s: %s vertices in %.2f ms; residual mean %.3e -> %.3e, max %.3e -> %.3e; "
-           "%s unreached; revision %.0f\n",
+           "%s unreached",
            pose, figures.vertices, figures.ms, figures.before_mean, figures.after_mean,
-           figures.before_max, figures.after_max, figures.unreached,
-           skd_json_number(outcome->answer.result, "revision"));
+           figures.before_max, figures.after_max, figures.unreached);
+    print_solved(outcome->answer.result);
+    printf("; revision %.0f\n", skd_json_number(outcome->answer.result, "revision"));
+    say_warnings(outcome->answer.result);
 }
 
 void skd_outcome_print_titles(int pose_width)
@@ -292,4 +382,5 @@ void skd_outcome_print_line(const struct skd_outcome *outcome, size_t number, co
            figures.vertices, figures.ms, figures.before_mean, figures.before_max,
            figures.after_mean, figures.after_max, figures.unreached);
     fflush(stdout);
+    say_warnings(outcome->answer.result);
 }

@@ -35,8 +35,21 @@ SKD_MUST_CHECK enum skd_status skd_play_stroke(struct skd_model *model,
                                                struct skd_outcome *outcome,
                                                struct skd_error *error);
 
-/* The outcome as JSON: the answer's members, and what was seen from here. */
-cJSON *skd_outcome_json(const struct skd_outcome *outcome, const char *pose);
+/* pins.solve: the vertices pinned in the stroke's pose, or those of them that it names, for all
+ * their pins; of the stroke the members that pins.solve takes too. */
+SKD_MUST_CHECK enum skd_status skd_play_pins(struct skd_model *model,
+                                             const struct skd_script_stroke *stroke,
+                                             struct skd_outcome *outcome, struct skd_error *error);
+
+/* A request that solves, with a progress line on a terminal while weights stream in. Takes the body
+ * over. */
+SKD_MUST_CHECK enum skd_status skd_play_call(struct skd_link *link, const char *method, cJSON *body,
+                                             const struct skd_array_out *arrays, int array_count,
+                                             struct skd_outcome *outcome, struct skd_error *error);
+
+/* The outcome as JSON: the answer's members, and what was seen from here. The residuals of single
+ * vertices are left out where nobody wants them. */
+cJSON *skd_outcome_json(const struct skd_outcome *outcome, const char *pose, bool with_residuals);
 
 /* The outcome as a sentence. */
 void skd_outcome_print(const struct skd_outcome *outcome, const char *pose);

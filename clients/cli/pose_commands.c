@@ -1,4 +1,4 @@
-/* skinctl pose, weights: what a session says about its vertices.
+/* skinctl pose: makes a pose, or prints its positions.
  *
  * Thread: one.
  */
@@ -11,8 +11,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-enum { NO_BONE = 65535 };
 
 static struct {
     char *clip;
@@ -204,116 +202,4 @@ const struct skd_command skd_command_pose = {
                 "  skinctl pose bent --evaluate --vertices 0-9\n"
                 "  skinctl pose own --matrices matrices.json --evaluate --raw positions.f32\n",
     .run = run_pose,
-};
-
-static const struct poptOption weights_options[] = {
-    SKD_OPTION_SESSION,
-    {"vertices", 'v', POPT_ARG_STRING, &options.vertices, 0, "of these vertices (default: all)",
-     "LIST"},
-    {"raw", 0, POPT_ARG_STRING, &options.raw, 0,
-     "write PREFIX.joints.u16 and PREFIX.weights.f32 instead, little-endian", "PREFIX"},
-    POPT_TABLEEND,
-};
-
-static const char **bone_names(const struct skd_model *model)
-{
-    const char **names = calloc(model->bone_count + 1, sizeof *names);
-    size_t used = 0;
-    const cJSON *bone;
-    cJSON_ArrayForEach(bone, cJSON_GetObjectItemCaseSensitive(model->info.result, "bones"))
-    {
-        if (names != NULL)
-            names[used++] = skd_json_text(bone, "name");
-    }
-    return names;
-}
-
-/* One line a vertex: its index, then bone and weight for each slot that has any. */
-static enum skd_status print_weights(const struct skd_model *model, const uint32_t *vertices,
-                                     size_t count, const struct skd_weights *weights,
-                                     struct skd_error *error)
-{
-    const char **names = bone_names(model);
-    if (names == NULL)
-        return skd_fail_memory(error, "the bones' names");
-    for (size_t i = 0; i < count; i++) {
-        printf("%u", vertices != NULL ? vertices[i] : (unsigned)i);
-        for (size_t slot = i * weights->slots; slot < (i + 1) * weights->slots; slot++) {
-            int joint = weights->joints[slot];
-            if (joint != NO_BONE && weights->weights[slot] != 0)
-                printf("  %s %.7g", (size_t)joint < model->bone_count ? names[joint] : "?",
-                       (double)weights->weights[slot]);
-        }
-        putchar('\n');
-    }
-    free(names);
-    return SKD_OK;
-}
-
-static enum skd_status write_raw(const struct skd_weights *weights, struct skd_error *error)
-{
-    char path[SKD_PATH_BYTES_MAX];
-    size_t count = weights->vertex_count * weights->slots;
-    (void)snprintf(path, sizeof path, "%s.joints.u16", options.raw);
-    enum skd_status status =
-        skd_file_write(path, weights->joints, count * sizeof *weights->joints, error);
-    if (status != SKD_OK)
-        return status;
-    (void)snprintf(path, sizeof path, "%s.weights.f32", options.raw);
-    status = skd_file_write(path, weights->weights, count * sizeof *weights->weights, error);
-    if (status == SKD_OK)
-        skd_print_raw_written(options.raw, weights->vertex_count);
-    return status;
-}
-
-static enum skd_status report_weights(struct skd_link *link, const char *session,
-                                      const uint32_t *vertices, size_t count,
-                                      struct skd_error *error)
-{
-    struct skd_model model;
-    enum skd_status status = skd_model_open(&model, link, session, error);
-    if (status == SKD_OK)
-        status = skd_model_fetch_weights(&model, vertices, count, error);
-    struct skd_weights weights = skd_model_weights(&model);
-    if (status == SKD_OK && options.raw != NULL)
-        status = write_raw(&weights, error);
-    else if (status == SKD_OK && skd_cli.json)
-        skd_print_json(&model.weights.message, model.weights.message.result);
-    else if (status == SKD_OK)
-        status = print_weights(&model, vertices, weights.vertex_count, &weights, error);
-    skd_model_close(&model);
-    return status;
-}
-
-static int run_weights(const char *const *arguments, int argument_count, struct skd_error *error)
-{
-    struct skd_link link;
-    char session[SKD_SESSION_NAME_BYTES_MAX + 1];
-    uint32_t *vertices;
-    size_t count;
-    (void)arguments;
-    (void)argument_count;
-    int result = read_vertices(&vertices, &count, error);
-    if (result != SKD_EXIT_OK)
-        return result;
-    result = skd_cli_open(&link, session, error);
-    if (result == SKD_EXIT_OK) {
-        result = skd_cli_exit(report_weights(&link, session, vertices, count, error));
-        skd_link_close(&link);
-    }
-    free(vertices);
-    return result;
-}
-
-const struct skd_command skd_command_weights = {
-    .group = SKD_GROUP_WORK,
-    .name = "weights",
-    .arguments = "",
-    .summary = "print weights: a line a vertex, with bone and weight",
-    .options = weights_options,
-    .details = "LIST is indexes and ranges: 0,5,10-20.\n",
-    .examples = "  skinctl weights --vertices 0,5,10-20\n"
-                "  skinctl weights --json\n"
-                "  skinctl weights --raw body      # body.joints.u16, body.weights.f32\n",
-    .run = run_weights,
 };

@@ -186,6 +186,15 @@ void skd_print_exported(const cJSON *result)
            skd_json_number(result, "revision"), skd_json_number(result, "largest_rounding"));
 }
 
+void skd_print_step(const cJSON *result)
+{
+    char vertices[SKD_COUNT_TEXT_BYTES];
+    printf("revision %.0f: %s vertices changed; %.0f steps to undo, %.0f to redo\n",
+           skd_json_number(result, "revision"),
+           skd_count_text(skd_json_number(result, "vertices"), vertices),
+           skd_json_number(result, "undo_steps"), skd_json_number(result, "redo_steps"));
+}
+
 /* Names come out of files: what could steer a terminal is not passed on. */
 static char *copy_printable(const char *text)
 {

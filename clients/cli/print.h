@@ -27,6 +27,9 @@ const char *skd_count_text(double count, char text[SKD_COUNT_TEXT_BYTES]);
 /* Writes 123456789 as "118 MiB". */
 const char *skd_bytes_text(double bytes, char text[SKD_COUNT_TEXT_BYTES]);
 
+/* Prints what a step of the history, forwards or backwards, was answered with. */
+void skd_print_step(const cJSON *result);
+
 /* Prints what session.export answered. */
 void skd_print_exported(const cJSON *result);
 

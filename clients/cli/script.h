@@ -40,9 +40,17 @@ struct skd_script_stroke {
     unsigned vertices_count;
     float (*positions)[3];
     unsigned positions_count;
+    float *mask; /* [mask_count]: how far each vertex goes, 0 to 1; goes with vertices */
+    unsigned mask_count;
     char *method;
     char *constraint;
     double *stiffness;
+    char *pin;
+    char *slots;
+    double *guard;
+    double *smooth;
+    double *mix;
+    char *residual;
     char **lock_bones;
     unsigned lock_bones_count;
 };
@@ -65,6 +73,10 @@ void skd_script_destroy(struct skd_script *script);
 /* The check of one stroke's form; `where` names it ("poses.yaml, stroke 3"). */
 SKD_MUST_CHECK enum skd_status skd_script_check_stroke(const struct skd_script_stroke *stroke,
                                                        const char *where, struct skd_error *error);
+
+/* The same for the words and numbers that say how it is solved, without its targets. */
+SKD_MUST_CHECK enum skd_status skd_script_check_solving(const struct skd_script_stroke *stroke,
+                                                        const char *where, struct skd_error *error);
 
 /* The format, for --help. */
 extern const char skd_script_format[];

@@ -32,15 +32,24 @@ const char skd_script_format[] =
     "        # out: 0.01             # ... or along the surface's normals; negative: inwards\n"
     "      method: exact             # or thesis\n"
     "      constraint: simplex       # or affine: weights may be negative\n"
-    "      stiffness: 0.008          # 0 to 10: how hard weights hold on to what they were\n"
+    "      stiffness: 0.008          # 0 to 10: how hard weights hold on to what they were; left\n"
+    "                                # out: chosen from the data\n"
+    "      pin: set                  # or move: by as much as the brush moves what is shown; none\n"
+    "      slots: keep               # or evidence: bones are chosen anew from all poses' pins\n"
+    "      guard: 0.3                # 0 to 1000: how much the guard poses count, if there are "
+    "any\n"
+    "      smooth: 0                 # 0 to 10: neighbours change alike\n"
+    "      mix: 1                    # 0 to 1: how far to go from the surface to the targets\n"
+    "      residual: report          # or rest, shape: what becomes of what weights cannot reach\n"
     "      lock_bones: [head]        # their weights stay\n"
     "    - pose: bent                # no brush: vertices, and where each should be\n"
     "      vertices: [7, 8]\n"
-    "      positions: [[0, 1, 0], [0.1, 1, 0]]\n";
+    "      positions: [[0, 1, 0], [0.1, 1, 0]]\n"
+    "      mask: [1, 0.5]            # how far each of them goes; left out: all the way\n";
 
 enum { OPTIONAL = CYAML_FLAG_OPTIONAL | CYAML_FLAG_POINTER };
 
-static const double stiffness_max = 10, bend_max = 180; /* the wire's own limits */
+static const double bend_max = 180; /* the wire's own limit */
 
 static const cyaml_schema_value_t number_schema = {CYAML_VALUE_FLOAT(CYAML_FLAG_DEFAULT, double)};
 static const cyaml_schema_value_t coordinate_schema = {
@@ -83,11 +92,20 @@ static const cyaml_schema_field_t stroke_fields[] = {
                          CYAML_UNLIMITED),
     CYAML_FIELD_SEQUENCE("positions", OPTIONAL, struct skd_script_stroke, positions,
                          &position_schema, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_SEQUENCE("mask", OPTIONAL, struct skd_script_stroke, mask, &coordinate_schema, 0,
+                         CYAML_UNLIMITED),
     CYAML_FIELD_STRING_PTR("method", OPTIONAL, struct skd_script_stroke, method, 0,
                            CYAML_UNLIMITED),
     CYAML_FIELD_STRING_PTR("constraint", OPTIONAL, struct skd_script_stroke, constraint, 0,
                            CYAML_UNLIMITED),
     CYAML_FIELD_FLOAT_PTR("stiffness", OPTIONAL, struct skd_script_stroke, stiffness),
+    CYAML_FIELD_STRING_PTR("pin", OPTIONAL, struct skd_script_stroke, pin, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_STRING_PTR("slots", OPTIONAL, struct skd_script_stroke, slots, 0, CYAML_UNLIMITED),
+    CYAML_FIELD_FLOAT_PTR("guard", OPTIONAL, struct skd_script_stroke, guard),
+    CYAML_FIELD_FLOAT_PTR("smooth", OPTIONAL, struct skd_script_stroke, smooth),
+    CYAML_FIELD_FLOAT_PTR("mix", OPTIONAL, struct skd_script_stroke, mix),
+    CYAML_FIELD_STRING_PTR("residual", OPTIONAL, struct skd_script_stroke, residual, 0,
+                           CYAML_UNLIMITED),
     CYAML_FIELD_SEQUENCE("lock_bones", OPTIONAL, struct skd_script_stroke, lock_bones, &text_schema,
                          0, CYAML_UNLIMITED),
     CYAML_FIELD_END};
@@ -237,6 +255,18 @@ static enum skd_status check_targets(const struct skd_script_stroke *stroke, con
             return skd_fail(error, SKD_NOT_FINITE, "%s: the position of vertex %u is not finite",
                             where, stroke->vertices[i]);
     }
+    if (stroke->mask_count > 0 && stroke->mask_count != stroke->vertices_count)
+        return skd_fail(error, SKD_COUNT_MISMATCH,
+                        "%s: there are %u vertices and %u numbers in mask; give one a vertex, or "
+                        "no mask",
+                        where, stroke->vertices_count, stroke->mask_count);
+    for (size_t i = 0; i < stroke->mask_count; i++) {
+        if (!(stroke->mask[i] >= 0 && stroke->mask[i] <= 1))
+            return skd_fail(error, SKD_BAD_PARAMS,
+                            "%s: the mask of vertex %u is %g, but must be "
+                            "0 to 1",
+                            where, stroke->vertices[i], (double)stroke->mask[i]);
+    }
     return SKD_OK;
 }
 
@@ -251,6 +281,41 @@ static enum skd_status check_word(const char *where, const char *name, const cha
     return skd_value_word(what, text, words, &index, error);
 }
 
+enum skd_status skd_script_check_solving(const struct skd_script_stroke *stroke, const char *where,
+                                         struct skd_error *error)
+{
+    const struct {
+        const char *name, *text;
+        const char *const *words;
+    } choices[] = {
+        {"method", stroke->method, skd_method_words},
+        {"constraint", stroke->constraint, skd_constraint_words},
+        {"pin", stroke->pin, skd_pin_words},
+        {"slots", stroke->slots, skd_slots_words},
+        {"residual", stroke->residual, skd_residual_words},
+    };
+    const struct {
+        const char *name;
+        const double *number;
+        double most;
+    } numbers[] = {
+        {"stiffness", stroke->stiffness, SKD_STIFFNESS_MAX},
+        {"guard", stroke->guard, SKD_GUARD_MAX},
+        {"smooth", stroke->smooth, SKD_SMOOTH_MAX},
+        {"mix", stroke->mix, 1},
+    };
+    enum skd_status status = SKD_OK;
+    for (size_t i = 0; status == SKD_OK && i < sizeof choices / sizeof *choices; i++)
+        status = check_word(where, choices[i].name, choices[i].text, choices[i].words, error);
+    for (size_t i = 0; status == SKD_OK && i < sizeof numbers / sizeof *numbers; i++) {
+        const double *number = numbers[i].number;
+        if (number != NULL && !(*number >= 0 && *number <= numbers[i].most))
+            status = skd_fail(error, SKD_BAD_PARAMS, "%s: %s is %g, but must be 0 to %g", where,
+                              numbers[i].name, *number, numbers[i].most);
+    }
+    return status;
+}
+
 enum skd_status skd_script_check_stroke(const struct skd_script_stroke *stroke, const char *where,
                                         struct skd_error *error)
 {
@@ -259,17 +324,12 @@ enum skd_status skd_script_check_stroke(const struct skd_script_stroke *stroke, 
     if ((stroke->brush != NULL) == has_targets)
         return skd_fail(error, SKD_BAD_PARAMS, "%s: give a brush, or vertices and positions%s",
                         where, has_targets ? ", not both" : "");
+    if (stroke->brush != NULL && stroke->mask_count > 0)
+        return skd_fail(error, SKD_BAD_PARAMS, "%s: mask goes with vertices; a brush has falloff",
+                        where);
     status = has_targets ? check_targets(stroke, where, error)
                          : check_brush(stroke->brush, where, error);
-    if (status == SKD_OK)
-        status = check_word(where, "method", stroke->method, skd_method_words, error);
-    if (status == SKD_OK)
-        status = check_word(where, "constraint", stroke->constraint, skd_constraint_words, error);
-    if (status == SKD_OK && stroke->stiffness != NULL &&
-        !(*stroke->stiffness >= 0 && *stroke->stiffness <= stiffness_max))
-        status = skd_fail(error, SKD_BAD_PARAMS, "%s: stiffness is %g, but must be 0 to %g", where,
-                          *stroke->stiffness, stiffness_max);
-    return status;
+    return status == SKD_OK ? skd_script_check_solving(stroke, where, error) : status;
 }
 
 static enum skd_status check_script(const char *path, const struct skd_script *script,

@@ -138,7 +138,7 @@ void skd_script_write(const struct skd_script *script, const struct skd_script_s
         write_pose(&script->poses[i]);
     fputs(
         "\n# One stroke after the other, each in its pose. The weights solved by one are what the\n"
-        "# next one starts from. A stroke may also take method, stiffness, and lock_bones.\n"
+        "# next one starts from. A stroke may also say how it is solved: stiffness, slots, ...\n"
         "strokes:\n",
         stdout);
     const char *said = NULL;

@@ -21,8 +21,6 @@ static struct {
     int discard;
 } options;
 
-static const char *const reduce_words[] = {"refuse", "largest", NULL};
-
 static const struct poptOption load_options[] = {
     {"name", 'n', POPT_ARG_STRING, &options.name, 0,
      "the session's name (default: made from the file's)", "NAME"},
@@ -31,7 +29,9 @@ static const struct poptOption load_options[] = {
     {"fill", 'f', POPT_ARG_STRING, &options.fill, 0,
      "which bones free slots offer: neighbours (default), hop, infect, none", "RULE"},
     {"reduce", 'r', POPT_ARG_STRING, &options.reduce, 0,
-     "more influences than slots: refuse (default), or keep the largest", "RULE"},
+     "more influences than slots: refuse (default), keep the largest, or those that move it least "
+     "when posed: posed",
+     "RULE"},
     POPT_TABLEEND,
 };
 
@@ -76,7 +76,7 @@ static int run_load(const char *const *arguments, int count, struct skd_error *e
     if ((options.fill != NULL &&
          skd_value_word("--fill", options.fill, skd_fill_words, &word, error) != SKD_OK) ||
         (options.reduce != NULL &&
-         skd_value_word("--reduce", options.reduce, reduce_words, &word, error) != SKD_OK))
+         skd_value_word("--reduce", options.reduce, skd_reduce_words, &word, error) != SKD_OK))
         return SKD_EXIT_USAGE;
     if (skd_path_absolute(arguments[0], path, error) != SKD_OK ||
         skd_cli_connect(&link, error) != SKD_OK)
@@ -105,10 +105,9 @@ const struct skd_command skd_command_load = {
     .options = load_options,
     .details = "Prints what was found, a note for each thing that had to be mended, and how the\n"
                "influences fit into the session's slots.\n",
-    .examples =
-        "  skinctl load knight.glb\n"
-        "  skinctl load body.gltf --name body --influences 8\n"
-        "  skinctl load face.glb --reduce largest      # cut what does not fit, and say it\n",
+    .examples = "  skinctl load knight.glb\n"
+                "  skinctl load body.gltf --name body --influences 8\n"
+                "  skinctl load face.glb --reduce posed        # leave out what matters least\n",
     .run = run_load,
 };
 
@@ -218,15 +217,6 @@ const struct skd_command skd_command_info = {
     .run = run_info,
 };
 
-static void print_turn(const cJSON *result)
-{
-    char vertices[SKD_COUNT_TEXT_BYTES];
-    printf("revision %.0f: %s vertices changed; %.0f steps to undo, %.0f to redo\n",
-           skd_json_number(result, "revision"),
-           skd_count_text(skd_json_number(result, "vertices"), vertices),
-           skd_json_number(result, "undo_steps"), skd_json_number(result, "redo_steps"));
-}
-
 static int turn_history(const char *method, struct skd_error *error)
 {
     struct skd_link link;
@@ -237,7 +227,7 @@ static int turn_history(const char *method, struct skd_error *error)
         return result;
     enum skd_status status =
         skd_link_call(&link, method, skd_session_body(session), NULL, 0, &answer, error);
-    return skd_cli_conclude(&link, &answer, status, print_turn);
+    return skd_cli_conclude(&link, &answer, status, skd_print_step);
 }
 
 static int run_undo(const char *const *arguments, int count, struct skd_error *error)
@@ -258,7 +248,7 @@ const struct skd_command skd_command_undo = {
     .group = SKD_GROUP_WORK,
     .name = "undo",
     .arguments = "",
-    .summary = "take the last stroke back",
+    .summary = "take the last change back",
     .options = session_options,
     .examples = "  skinctl undo\n"
                 "  skinctl undo --session knight\n",
@@ -269,7 +259,7 @@ const struct skd_command skd_command_redo = {
     .group = SKD_GROUP_WORK,
     .name = "redo",
     .arguments = "",
-    .summary = "apply the stroke that was taken back last",
+    .summary = "apply the change that was taken back last",
     .options = session_options,
     .examples = "  skinctl redo\n"
                 "  skinctl redo --session knight\n",
@@ -283,30 +273,6 @@ static const struct poptOption export_options[] = {
     POPT_TABLEEND,
 };
 
-/* "/a/knight.glb" gives "knight-skind.glb" in the current folder. */
-static enum skd_status default_output(struct skd_link *link, const char *session,
-                                      char path[SKD_PATH_BYTES_MAX], struct skd_error *error)
-{
-    struct skd_model model;
-    enum skd_status status = skd_model_open(&model, link, session, error);
-    const char *source = skd_json_text(model.info.result, "source");
-    const char *slash = strrchr(source, '/');
-    const char *stem = slash != NULL ? slash + 1 : source;
-    const char *dot = strrchr(stem, '.');
-    if (status == SKD_OK && dot == NULL) {
-        status = skd_fail(error, SKD_BAD_PARAMS,
-                          "session \"%s\" was not made from a file; say where to write with "
-                          "--output",
-                          session);
-    } else if (status == SKD_OK) {
-        char name[SKD_PATH_BYTES_MAX];
-        (void)snprintf(name, sizeof name, "%.*s-skind%s", (int)(dot - stem), stem, dot);
-        status = skd_path_absolute(name, path, error);
-    }
-    skd_model_close(&model);
-    return status;
-}
-
 static int run_export(const char *const *arguments, int count, struct skd_error *error)
 {
     struct skd_link link;
@@ -317,8 +283,9 @@ static int run_export(const char *const *arguments, int count, struct skd_error 
     int result = skd_cli_open(&link, session, error);
     if (result != SKD_EXIT_OK)
         return result;
-    enum skd_status status = options.output != NULL ? skd_path_absolute(options.output, path, error)
-                                                    : default_output(&link, session, path, error);
+    enum skd_status status = options.output != NULL
+                                 ? skd_path_absolute(options.output, path, error)
+                                 : skd_default_output(&link, session, path, error);
     if (status == SKD_OK)
         status = skd_session_export(&link, session, path, &answer, error);
     return skd_cli_conclude(&link, &answer, status, skd_print_exported);

@@ -5,9 +5,8 @@
 #include "clients/cli/cli.h"
 #include "clients/cli/play.h"
 #include "clients/cli/print.h"
+#include "clients/cli/solving.h"
 #include "clients/cli/values.h"
-
-#include "protocol/request.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -24,13 +23,8 @@ static struct {
     double in;
     char *vertices;
     char **vertex;
-    char *method;
-    char *constraint;
-    double stiffness;
-    char **lock_bones;
     char *export;
-} options = {
-    .radius = (double)NAN, .out = (double)NAN, .in = (double)NAN, .stiffness = (double)NAN};
+} options = {.radius = (double)NAN, .out = (double)NAN, .in = (double)NAN};
 
 static const struct poptOption stroke_options[] = {
     SKD_OPTION_SESSION,
@@ -45,33 +39,20 @@ static const struct poptOption stroke_options[] = {
     {"out", 'o', POPT_ARG_DOUBLE, &options.out, 0, "... or along the surface's normals", "D"},
     {"in", 'i', POPT_ARG_DOUBLE, &options.in, 0, "... or against them", "D"},
     {"vertices", 'v', POPT_ARG_STRING, &options.vertices, 0,
-     "no brush: a file of lines \"index x y z\" (-: stdin)", "FILE"},
+     "no brush: a file of lines \"index x y z\" or \"index x y z mask\" (-: stdin)", "FILE"},
     {"vertex", 'x', POPT_ARG_ARGV, &options.vertex, 0,
      "no brush: one vertex and its new posed position; may be repeated", "INDEX=X,Y,Z"},
-    {"method", 0, POPT_ARG_STRING, &options.method, 0, "exact (default) or thesis", "METHOD"},
-    {"constraint", 0, POPT_ARG_STRING, &options.constraint, 0,
-     "simplex (default: no negative weights) or affine", "KIND"},
-    {"stiffness", 'k', POPT_ARG_DOUBLE, &options.stiffness, 0,
-     "how hard weights hold on to what they were, 0 to 10 (default: 0.008)", "K"},
-    {"lock-bone", 'l', POPT_ARG_ARGV, &options.lock_bones, 0,
-     "leave this bone's weights alone; may be repeated", "NAME"},
+    SKD_OPTIONS_SCULPT,
+    SKD_OPTIONS_SOLVING,
     POPT_TABLEEND,
 };
-
-static unsigned count_texts(char *const *texts)
-{
-    unsigned count = 0;
-    while (texts != NULL && texts[count] != NULL)
-        count++;
-    return count;
-}
 
 /* --vertices and --vertex. */
 static int read_targets(struct skd_targets *targets, struct skd_error *error)
 {
     if (options.vertices != NULL && skd_targets_read(targets, options.vertices, error) != SKD_OK)
         return SKD_EXIT_FAILED;
-    for (unsigned i = 0; i < count_texts(options.vertex); i++) {
+    for (unsigned i = 0; i < skd_count_texts(options.vertex); i++) {
         if (skd_targets_add(targets, "--vertex", options.vertex[i], error) != SKD_OK)
             return SKD_EXIT_USAGE;
     }
@@ -119,7 +100,7 @@ static int play_one(const struct skd_script_stroke *stroke, struct skd_error *er
     if (status == SKD_OK)
         status = skd_play_stroke(&model, stroke, &outcome, error);
     if (status == SKD_OK && skd_cli.json) {
-        skd_print_own_json(skd_outcome_json(&outcome, stroke->pose));
+        skd_print_own_json(skd_outcome_json(&outcome, stroke->pose, true));
     } else if (status == SKD_OK) {
         skd_outcome_print(&outcome, stroke->pose);
     }
@@ -145,17 +126,17 @@ static int run_stroke(const char *const *arguments, int count, struct skd_error 
     struct skd_script_stroke stroke = {
         .pose = pose,
         .brush = has_brush ? &brush : NULL,
-        .method = options.method,
-        .constraint = options.constraint,
-        .stiffness = isnan(options.stiffness) ? NULL : &options.stiffness,
-        .lock_bones = options.lock_bones,
-        .lock_bones_count = count_texts(options.lock_bones),
     };
+    (void)skd_solving_apply(&stroke);
     int result =
         has_brush ? read_brush(&brush, centre, move, error) : read_targets(&targets, error);
     stroke.vertices = targets.vertices;
     stroke.positions = (float(*)[3])targets.positions;
     stroke.vertices_count = stroke.positions_count = (unsigned)targets.count;
+    if (targets.has_mask) {
+        stroke.mask = targets.mask;
+        stroke.mask_count = (unsigned)targets.count;
+    }
     if (result == SKD_EXIT_OK && skd_script_check_stroke(&stroke, "the stroke", error) != SKD_OK)
         result = SKD_EXIT_USAGE;
     if (result == SKD_EXIT_OK)
@@ -176,11 +157,14 @@ const struct skd_command skd_command_stroke = {
     .details =
         "Only vertices that the brush moves are sent; all lengths are scene units (skinctl\n"
         "info tells the character's). Prints how many vertices were solved, how far they\n"
-        "were from their targets before and after, and how many weights cannot take there.\n",
+        "were from their targets before and after, and how many weights cannot take there.\n"
+        "A stroke pins its vertices in its pose, so that strokes in other poses keep them in\n"
+        "mind (skinctl pins --help).\n",
     .examples =
         "  skinctl stroke bent --centre 0.3,1.2,0.05 --radius 0.08 --move 0,0,0.01\n"
         "  skinctl stroke bent --bone forearm.L --radius 0.1 --out 0.01 --lock-bone hand.L\n"
         "  skinctl stroke bent --vertex 12=0.1,1.0,0.2 --vertex 13=0.1,1.1,0.2\n"
+        "  skinctl stroke bent --bone thigh.L --radius 0.2 --in 0.01 --slots evidence --guard 1\n"
         "  skinctl pose bent --evaluate | awk '{print NR-1, $1, $2, $3 + 0.01}' |\n"
         "    skinctl stroke bent --vertices -\n",
     .run = run_stroke,
@@ -188,10 +172,10 @@ const struct skd_command skd_command_stroke = {
 
 static const struct poptOption replay_options[] = {
     SKD_OPTION_SESSION,
-    {"method", 0, POPT_ARG_STRING, &options.method, 0,
-     "solve all strokes with this method: exact or thesis", "METHOD"},
     {"export", 'o', POPT_ARG_STRING, &options.export, 0, "then write the session's glTF file here",
      "FILE"},
+    SKD_OPTIONS_SCULPT,
+    SKD_OPTIONS_SOLVING,
     POPT_TABLEEND,
 };
 
@@ -205,15 +189,6 @@ static int pose_width_of(const struct skd_script *script)
     return (int)width;
 }
 
-/* The method that the command line asks for goes above the script's. */
-static struct skd_script_stroke with_options(const struct skd_script_stroke *stroke)
-{
-    struct skd_script_stroke changed = *stroke;
-    if (options.method != NULL)
-        changed.method = options.method;
-    return changed;
-}
-
 /* Plays the strokes, each with a line or, for `report`, an object. */
 static enum skd_status play_strokes(struct skd_model *model, const struct skd_script *script,
                                     cJSON *report, struct skd_error *error)
@@ -225,13 +200,14 @@ static enum skd_status play_strokes(struct skd_model *model, const struct skd_sc
     for (unsigned i = 0; status == SKD_OK && i < script->strokes_count; i++) {
         struct skd_outcome outcome;
         struct skd_error found;
-        struct skd_script_stroke stroke = with_options(&script->strokes[i]);
+        struct skd_script_stroke stroke = script->strokes[i];
+        (void)skd_solving_apply(&stroke);
         status = skd_play_stroke(model, &stroke, &outcome, &found);
         if (status != SKD_OK)
             (void)skd_fail(error, status, "stroke %u: %.300s; the %u before it were applied", i + 1,
                            found.text, i);
         else if (report != NULL)
-            cJSON_AddItemToArray(report, skd_outcome_json(&outcome, stroke.pose));
+            cJSON_AddItemToArray(report, skd_outcome_json(&outcome, stroke.pose, false));
         else
             skd_outcome_print_line(&outcome, i + 1, stroke.pose, width);
         skd_outcome_finish(&outcome);
@@ -298,11 +274,11 @@ static int run_replay(const char *const *arguments, int count, struct skd_error 
     char *text;
     char export_path[SKD_PATH_BYTES_MAX];
     size_t bytes;
-    int method;
     struct skd_script *script;
+    struct skd_script_stroke asked = {0};
     (void)count;
-    if (options.method != NULL &&
-        skd_value_word("--method", options.method, skd_method_words, &method, error) != SKD_OK)
+    if (skd_solving_apply(&asked) &&
+        skd_script_check_solving(&asked, "the options", error) != SKD_OK)
         return SKD_EXIT_USAGE;
     if ((options.export != NULL &&
          skd_path_absolute(options.export, export_path, error) != SKD_OK) ||
@@ -329,6 +305,7 @@ const struct skd_command skd_command_replay = {
     .details = skd_script_format,
     .examples = "  skinctl script > strokes.yaml      # one that fits the session, to start from\n"
                 "  skinctl replay strokes.yaml --export out.glb\n"
-                "  skinctl replay strokes.yaml --method thesis --json\n",
+                "  skinctl replay strokes.yaml --method thesis --json   # the options go above the "
+                "script's\n",
     .run = run_replay,
 };

@@ -54,6 +54,29 @@ enum skd_status skd_value_vector(const char *what, const char *text, double vect
                     text);
 }
 
+enum skd_status skd_value_numbers(const char *what, const char *text, double **numbers,
+                                  size_t *count, struct skd_error *error)
+{
+    size_t most = 1;
+    for (const char *letter = text; *letter != '\0'; letter++)
+        most += *letter == ',';
+    *count = 0;
+    *numbers = malloc(most * sizeof **numbers);
+    if (*numbers == NULL)
+        return skd_fail_memory(error, what);
+    for (const char *place = text;; place++) {
+        if (!read_number(&place, &(*numbers)[*count]) || (*place != ',' && *place != '\0'))
+            break;
+        (*count)++;
+        if (*place == '\0')
+            return SKD_OK;
+    }
+    free(*numbers);
+    *numbers = NULL;
+    return skd_fail(error, SKD_BAD_PARAMS, "%s takes numbers as 0,0.5,1, not \"%.60s\"", what,
+                    text);
+}
+
 /* Reads one "a" or "a-b". */
 static bool read_range(const char **text, uint32_t *first, uint32_t *last)
 {
@@ -117,25 +140,41 @@ void skd_targets_finish(struct skd_targets *targets)
 {
     free(targets->vertices);
     free(targets->positions);
+    free(targets->mask);
     *targets = (struct skd_targets){0};
 }
 
+static enum skd_status grow(struct skd_targets *targets, struct skd_error *error)
+{
+    size_t capacity = targets->capacity > 0 ? 2 * targets->capacity : 64;
+    uint32_t *vertices = realloc(targets->vertices, capacity * sizeof *vertices);
+    if (vertices == NULL)
+        return skd_fail_memory(error, "the targets");
+    targets->vertices = vertices;
+    float *positions = realloc(targets->positions, capacity * 3 * sizeof *positions);
+    if (positions == NULL)
+        return skd_fail_memory(error, "the targets");
+    targets->positions = positions;
+    float *mask = realloc(targets->mask, capacity * sizeof *mask);
+    if (mask == NULL)
+        return skd_fail_memory(error, "the targets");
+    targets->mask = mask;
+    targets->capacity = capacity;
+    return SKD_OK;
+}
+
+/* mask NAN: none was given. */
 static enum skd_status push(struct skd_targets *targets, uint32_t vertex, const double position[3],
-                            struct skd_error *error)
+                            double mask, struct skd_error *error)
 {
     if (targets->count == targets->capacity) {
-        size_t capacity = targets->capacity > 0 ? 2 * targets->capacity : 64;
-        uint32_t *vertices = realloc(targets->vertices, capacity * sizeof *vertices);
-        if (vertices == NULL)
-            return skd_fail_memory(error, "the targets");
-        targets->vertices = vertices;
-        float *positions = realloc(targets->positions, capacity * 3 * sizeof *positions);
-        if (positions == NULL)
-            return skd_fail_memory(error, "the targets");
-        targets->positions = positions;
-        targets->capacity = capacity;
+        enum skd_status status = grow(targets, error);
+        if (status != SKD_OK)
+            return status;
     }
     targets->vertices[targets->count] = vertex;
+    targets->mask[targets->count] = isnan(mask) ? 1 : (float)mask;
+    targets->has_mask = targets->has_mask || !isnan(mask);
     for (int i = 0; i < 3; i++)
         targets->positions[3 * targets->count + (size_t)i] = (float)position[i];
     targets->count++;
@@ -150,7 +189,7 @@ enum skd_status skd_targets_add(struct skd_targets *targets, const char *what, c
     double position[3];
     if (!read_index(&place, &vertex) || *place != '=' || !read_vector(place + 1, position))
         return skd_fail(error, SKD_BAD_PARAMS, "%s takes INDEX=x,y,z, not \"%s\"", what, text);
-    return push(targets, vertex, position, error);
+    return push(targets, vertex, position, (double)NAN, error);
 }
 
 static const char *skip_blanks(const char *text)
@@ -158,7 +197,7 @@ static const char *skip_blanks(const char *text)
     return text + strspn(text, " \t\r");
 }
 
-static bool read_target_line(const char *line, uint32_t *vertex, double position[3])
+static bool read_target_line(const char *line, uint32_t *vertex, double position[3], double *mask)
 {
     if (!read_index(&line, vertex))
         return false;
@@ -166,6 +205,10 @@ static bool read_target_line(const char *line, uint32_t *vertex, double position
         if (!read_number(&line, &position[i]))
             return false;
     }
+    *mask = (double)NAN;
+    line = skip_blanks(line);
+    if (*line != '\0' && !read_number(&line, mask))
+        return false;
     return *skip_blanks(line) == '\0';
 }
 
@@ -180,17 +223,18 @@ enum skd_status skd_targets_read(struct skd_targets *targets, const char *path,
     char *rest = text;
     for (size_t number = 1; status == SKD_OK && rest != NULL; number++) {
         uint32_t vertex;
-        double position[3];
+        double position[3], mask;
         char *line = strsep(&rest, "\n");
         line[strcspn(line, "#")] = '\0';
         const char *begin = skip_blanks(line);
         if (*begin == '\0')
             continue;
-        if (read_target_line(begin, &vertex, position))
-            status = push(targets, vertex, position, error);
+        if (read_target_line(begin, &vertex, position, &mask))
+            status = push(targets, vertex, position, mask, error);
         else
             status =
-                skd_fail(error, SKD_BAD_PARAMS, "%s, line %zu: \"%.60s\" is not \"index x y z\"",
+                skd_fail(error, SKD_BAD_PARAMS,
+                         "%s, line %zu: \"%.60s\" is not \"index x y z\" or \"index x y z mask\"",
                          path, number, begin);
     }
     free(text);

@@ -11,6 +11,11 @@
 SKD_MUST_CHECK enum skd_status skd_value_vector(const char *what, const char *text,
                                                 double vector[3], struct skd_error *error);
 
+/* Reads "0,0.5,1", finite numbers, into *numbers (free it). */
+SKD_MUST_CHECK enum skd_status skd_value_numbers(const char *what, const char *text,
+                                                 double **numbers, size_t *count,
+                                                 struct skd_error *error);
+
 /* Reads "0,5,10-20" into *indexes (free it). */
 SKD_MUST_CHECK enum skd_status skd_value_indexes(const char *what, const char *text,
                                                  uint32_t **indexes, size_t *count,
@@ -27,13 +32,16 @@ struct skd_targets {
     size_t capacity;
     uint32_t *vertices; /* [count] */
     float *positions;   /* [count][3] */
+    float *mask;        /* [count]; 1 where none was given */
+    bool has_mask;
 };
 void skd_targets_finish(struct skd_targets *targets);
 
 /* Adds "I=x,y,z". */
 SKD_MUST_CHECK enum skd_status skd_targets_add(struct skd_targets *targets, const char *what,
                                                const char *text, struct skd_error *error);
-/* Adds a text file's lines "index x y z"; '#' begins a comment. "-" is stdin. */
+/* Adds a text file's lines "index x y z", or "index x y z mask"; '#' begins a comment. "-" is
+ * stdin. */
 SKD_MUST_CHECK enum skd_status skd_targets_read(struct skd_targets *targets, const char *path,
                                                 struct skd_error *error);
 

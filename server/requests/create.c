@@ -64,10 +64,15 @@ static enum skd_status create(struct skd_call *call, struct skd_error *error)
                                  : build_from_arrays(params, &rig, &influences, error);
     if (status != SKD_OK)
         return status;
+    static const enum skd_cut cuts[] = {
+        [SKD_REDUCE_REFUSE] = SKD_CUT_REFUSE,
+        [SKD_REDUCE_LARGEST] = SKD_CUT_LARGEST,
+        [SKD_REDUCE_POSED] = SKD_CUT_POSED,
+    };
     struct skd_session_options options = {
         .slot_count = params->influences,
         .fill = (enum skd_fill)params->fill,
-        .may_reduce = params->reduce == SKD_REDUCE_LARGEST,
+        .cut = cuts[params->reduce],
     };
     status = skd_session_create(rig, &influences, params->file != NULL ? params->file : "",
                                 &options, &creating->session, error);

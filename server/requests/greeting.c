@@ -15,7 +15,10 @@
 static const char *const capabilities[] = {
     "lines",         "session.file",      "session.arrays", "influences.8",  "method.exact",
     "method.thesis", "constraint.affine", "locks",          "stroke.stream", "history",
-    "export",        "updates",           "pose.bend",      "weights.set",
+    "export",        "updates",           "pose.bend",      "weights.set",   "pins",
+    "guards",        "stiffness.auto",    "smoothing",      "mix",           "mirror",
+    "prune",         "residuals",         "slots.evidence", "reduce",        "refit",
+    "residual.rest", "residual.shape",
 };
 
 static void add_limits(cJSON *result)

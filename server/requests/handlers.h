@@ -24,12 +24,27 @@ void skd_handle_pose_set(struct skd_call *call);
 void skd_handle_pose_evaluate(struct skd_call *call);
 /* stroke.c */
 void skd_handle_stroke_apply(struct skd_call *call);
+void skd_handle_pins_solve(struct skd_call *call);
+void skd_handle_session_refit(struct skd_call *call);
+/* layers.c */
+void skd_handle_pins_list(struct skd_call *call);
+void skd_handle_pins_get(struct skd_call *call);
+void skd_handle_shapes_list(struct skd_call *call);
+void skd_handle_shapes_get(struct skd_call *call);
+/* guarding.c */
+void skd_handle_guard_set(struct skd_call *call);
+void skd_handle_guard_get(struct skd_call *call);
+/* edits.c */
+void skd_handle_weights_set(struct skd_call *call);
+void skd_handle_pins_weigh(struct skd_call *call);
+void skd_handle_pins_clear(struct skd_call *call);
+void skd_handle_weights_mirror(struct skd_call *call);
+void skd_handle_weights_prune(struct skd_call *call);
+void skd_handle_weights_reduce(struct skd_call *call);
 /* reading.c */
 void skd_handle_weights_get(struct skd_call *call);
 void skd_handle_mesh_get(struct skd_call *call);
 void skd_handle_session_export(struct skd_call *call);
-/* setting.c */
-void skd_handle_weights_set(struct skd_call *call);
 /* history.c */
 void skd_handle_history_undo(struct skd_call *call);
 void skd_handle_history_redo(struct skd_call *call);

@@ -60,7 +60,7 @@ static void written_back(struct skd_call *call)
     struct turning *turning = call->state;
     struct skd_session *session = call->live->session;
     if (call->status == SKD_OK) {
-        session->revision++;
+        skd_session_advance(session);
         skd_history_move(&session->history, turning->undo ? -1 : 1);
         struct skd_update update = update_of(call, session->revision);
         skd_updates_send(call->daemon, call->live, &update, 0, &turning->line);

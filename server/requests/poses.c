@@ -82,8 +82,7 @@ static enum skd_status evaluate(struct skd_call *call, struct skd_error *error)
     if (positions == NULL)
         return skd_fail_memory(error, "the posed positions");
     if (count > 0)
-        skd_skin(count, vertices, session->slot_count, session->rig->mesh.rest, session->joints,
-                 session->weights, pose->matrices, positions);
+        skd_session_show(session, pose, count, vertices, positions);
     call->reply.body = cJSON_CreateObject();
     cJSON_AddNumberToObject(call->reply.body, "revision", (double)session->revision);
     call->reply.arrays[0] = (struct skd_array_out){"positions", SKD_F32, count, 3, positions};

@@ -1,11 +1,9 @@
-/* weights.get, mesh.get and session.export: what reads a session whole.
+/* weights.get and mesh.get: a session's arrays.
  *
- * Stage: job -> reply. Thread: a worker. weights.get and session.export take the session's turn;
- * mesh.get does too, so that the session cannot go away under it.
+ * Stage: job -> reply. Thread: a worker, in the session's turn, so that the session neither changes
+ * nor goes away under it.
  */
 #include "requests/handlers.h"
-
-#include "rig/gltf.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -59,56 +57,35 @@ static void widen(const double *matrices, int count, double *out)
 
 static enum skd_status get_mesh(struct skd_call *call, struct skd_error *error)
 {
-    const struct skd_mesh *mesh = &call->live->session->rig->mesh;
-    const struct skd_skeleton *skeleton = &call->live->session->rig->skeleton;
+    const struct skd_session *session = call->live->session;
+    const struct skd_mesh *mesh = &session->rig->mesh;
+    const struct skd_skeleton *skeleton = &session->rig->skeleton;
     size_t bone_count = (size_t)skeleton->bone_count;
     size_t bind_bytes = bone_count * 16 * sizeof(double);
     size_t position_bytes = mesh->vertex_count * 3 * sizeof(float);
     size_t triangle_bytes = mesh->triangle_count * 3 * sizeof(uint32_t);
     /* A copy: the rig may be closed before the last byte is written. */
-    char *block = malloc(bind_bytes + position_bytes + triangle_bytes + 1);
-    if (block == NULL)
+    char *binds = malloc(bind_bytes + 2 * position_bytes + triangle_bytes + 1);
+    if (binds == NULL)
         return skd_fail_memory(error, "the mesh");
-    widen(skeleton->inverse_binds, skeleton->bone_count, (double *)block);
-    memcpy(block + bind_bytes, mesh->rest, position_bytes);
-    memcpy(block + bind_bytes + position_bytes, mesh->triangles, triangle_bytes);
+    char *positions = binds + bind_bytes, *rest = positions + position_bytes;
+    char *triangles = rest + position_bytes;
+    widen(skeleton->inverse_binds, skeleton->bone_count, (double *)binds);
+    memcpy(positions, mesh->rest, position_bytes);
+    memcpy(rest, session->rest, position_bytes);
+    memcpy(triangles, mesh->triangles, triangle_bytes);
     struct skd_reply *reply = &call->reply;
     reply->body = cJSON_CreateObject();
     reply->arrays[0] =
-        (struct skd_array_out){"positions", SKD_F32, mesh->vertex_count, 3, block + bind_bytes};
-    reply->arrays[1] = (struct skd_array_out){"triangles", SKD_U32, mesh->triangle_count, 3,
-                                              block + bind_bytes + position_bytes};
-    reply->arrays[2] = (struct skd_array_out){"inverse_binds", SKD_F64, bone_count, 16, block};
-    reply->array_count = 3;
-    reply->owner = block;
+        (struct skd_array_out){"positions", SKD_F32, mesh->vertex_count, 3, positions};
+    reply->arrays[1] =
+        (struct skd_array_out){"triangles", SKD_U32, mesh->triangle_count, 3, triangles};
+    reply->arrays[2] = (struct skd_array_out){"inverse_binds", SKD_F64, bone_count, 16, binds};
+    reply->arrays[3] = (struct skd_array_out){"rest", SKD_F32, mesh->vertex_count, 3, rest};
+    reply->array_count = 4;
+    reply->owner = binds;
     reply->release = free;
     return SKD_OK;
-}
-
-static enum skd_status export_file(struct skd_call *call, struct skd_error *error)
-{
-    const struct skd_session *session = call->live->session;
-    const char *path = call->request.params.session.path;
-    struct skd_gltf_export_report report;
-    enum skd_status status = skd_gltf_export(session->rig, session->slot_count, session->joints,
-                                             session->weights, path, &report, error);
-    if (status != SKD_OK)
-        return status;
-    call->reply.body = cJSON_CreateObject();
-    cJSON_AddStringToObject(call->reply.body, "path", path);
-    cJSON_AddNumberToObject(call->reply.body, "bytes", (double)report.bytes);
-    cJSON_AddNumberToObject(call->reply.body, "revision", (double)session->revision);
-    cJSON_AddNumberToObject(call->reply.body, "accessors", (double)report.accessors);
-    cJSON_AddNumberToObject(call->reply.body, "largest_rounding", report.largest_rounding);
-    return SKD_OK;
-}
-
-static void exported(struct skd_call *call)
-{
-    struct skd_session *session = call->live->session;
-    if (call->status == SKD_OK)
-        session->exported = session->revision;
-    skd_call_finish(call);
 }
 
 static void begin_weights(struct skd_call *call)
@@ -119,11 +96,6 @@ static void begin_weights(struct skd_call *call)
 static void begin_mesh(struct skd_call *call)
 {
     skd_call_work(call, get_mesh, NULL);
-}
-
-static void begin_export(struct skd_call *call)
-{
-    skd_call_work(call, export_file, exported);
 }
 
 static void take_turn(struct skd_call *call, const char *name, void (*begin)(struct skd_call *call))
@@ -141,9 +113,4 @@ void skd_handle_weights_get(struct skd_call *call)
 void skd_handle_mesh_get(struct skd_call *call)
 {
     take_turn(call, call->request.params.session.session, begin_mesh);
-}
-
-void skd_handle_session_export(struct skd_call *call)
-{
-    take_turn(call, call->request.params.session.session, begin_export);
 }

@@ -1,11 +1,12 @@
-/* stroke.apply: from posed positions to committed weights.
+/* stroke.apply, pins.solve, session.refit: from posed positions to committed weights.
  *
  * Stage: job -> [pure solve] -> result -> commit -> reply. Thread: the loop steers, workers do.
  *
  *     begin ==> prepare ==> chunk 0 ==> ... ==> chunk n ==> commit ==> answer
  *               (worker)    (any worker, a few at once)     (worker)   revision + 1
- *                             |            |
- *                             +-> stroke.weights to whoever sent the stroke
+ *                  ^          |            |          |
+ *                  |          +-> stroke.weights to whoever sent the stroke
+ *                  +------------- next pass <---------+  (smoothing and refit take several)
  *
  * A stroke keeps only a few chunks in the pool's queue, so that strokes of several sessions share
  * the workers fairly. Up to the commit it can be dropped; from then on it is done.
@@ -15,6 +16,7 @@
 #include "requests/updates.h"
 #include "session/stroke.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 enum { CHUNK_VERTICES = 8192 };
@@ -22,8 +24,9 @@ enum { CHUNK_VERTICES = 8192 };
 struct job {
     struct skd_call *call;
     struct skd_stroke stroke;
-    size_t next;   /* first vertex of the next chunk */
-    int in_flight; /* chunks that workers have */
+    struct skd_pose **frames; /* of a refit, held; [stroke.input.frame_count] */
+    size_t next;              /* first vertex of the next chunk */
+    int in_flight;            /* chunks that workers have */
     bool want_line;
     struct skd_encoded line; /* the update for listeners that speak lines */
     uint64_t begun_ns;
@@ -41,6 +44,7 @@ struct chunk {
 };
 
 static void submit_chunks(struct job *job);
+static void prepared(struct skd_call *call);
 
 static void release_step(void *step)
 {
@@ -51,22 +55,26 @@ static void encode_chunk(struct chunk *chunk)
 {
     const struct skd_call *call = chunk->job->call;
     const struct skd_step *step = chunk->job->stroke.step;
-    size_t slots = (size_t)step->slot_count;
     struct skd_error error;
-    struct skd_array_out arrays[] = {
-        {"vertices", SKD_U32, chunk->count, 0, step->vertices + chunk->first},
-        {"weights", SKD_F32, chunk->count, slots, step->after + chunk->first * slots},
-    };
+    struct skd_array_out arrays[SKD_STEP_ARRAYS];
     cJSON *body = cJSON_CreateObject();
+    int count = skd_step_arrays(step, false, chunk->first, chunk->count, arrays);
     cJSON_AddStringToObject(body, "session", call->live->name);
     skd_add_id(body, "request", &call->request.message.id);
     cJSON_AddNumberToObject(body, "first", (double)chunk->first);
     cJSON_AddNumberToObject(body, "count", (double)chunk->count);
     cJSON_AddNumberToObject(body, "total", (double)step->count);
     cJSON_AddNumberToObject(body, "influences", step->slot_count);
-    if (skd_encode_notification(call->mode, "stroke.weights", body, arrays, 2, &chunk->encoded,
+    if (step->shape != NULL)
+        cJSON_AddStringToObject(body, "shape", step->shape->sheet->pose->name);
+    if (skd_encode_notification(call->mode, "stroke.weights", body, arrays, count, &chunk->encoded,
                                 &error) != SKD_OK)
         chunk->encoded.head = NULL;
+}
+
+static bool is_last_pass(const struct job *job)
+{
+    return job->stroke.pass + 1 >= job->stroke.pass_count;
 }
 
 static void solve_chunk(uv_work_t *work)
@@ -76,7 +84,7 @@ static void solve_chunk(uv_work_t *work)
     if (atomic_load(&call->cancelled))
         return;
     skd_stroke_solve(&chunk->job->stroke, chunk->first, chunk->count);
-    if (call->request.params.stroke.stream)
+    if (call->request.params.stroke.stream && is_last_pass(chunk->job))
         encode_chunk(chunk);
 }
 
@@ -97,6 +105,22 @@ static void add_residual(cJSON *object, const char *name, const struct skd_resid
     cJSON_AddNumberToObject(item, "max", residual->max);
 }
 
+static void add_warnings(cJSON *body, const struct skd_stroke *stroke)
+{
+    cJSON *list = cJSON_AddArrayToObject(body, "warnings");
+    for (int w = 0; w < SKD_WARNING_COUNT; w++) {
+        char text[256];
+        if (stroke->warnings[w] == 0)
+            continue;
+        cJSON *item = cJSON_CreateObject();
+        skd_stroke_warning_text((enum skd_stroke_warning)w, stroke->warnings[w], text, sizeof text);
+        cJSON_AddStringToObject(item, "name", skd_stroke_warning_name((enum skd_stroke_warning)w));
+        cJSON_AddNumberToObject(item, "count", (double)stroke->warnings[w]);
+        cJSON_AddStringToObject(item, "text", text);
+        cJSON_AddItemToArray(list, item);
+    }
+}
+
 static cJSON *describe(const struct job *job, uint64_t revision)
 {
     const struct skd_stroke *stroke = &job->stroke;
@@ -109,6 +133,12 @@ static cJSON *describe(const struct job *job, uint64_t revision)
     cJSON *residual = cJSON_AddObjectToObject(body, "residual");
     add_residual(residual, "before", &stroke->before);
     add_residual(residual, "after", &stroke->after);
+    cJSON_AddNumberToObject(body, "stiffness", stroke->input.options.stiffness);
+    cJSON_AddNumberToObject(body, "poses", stroke->most_poses);
+    cJSON_AddNumberToObject(body, "slots_changed", (double)stroke->slots_changed);
+    cJSON_AddNumberToObject(body, "rest_moved", (double)stroke->rest_moved);
+    cJSON_AddNumberToObject(body, "shaped", (double)stroke->shaped);
+    add_warnings(body, stroke);
     cJSON *ms = cJSON_AddObjectToObject(body, "ms");
     cJSON_AddNumberToObject(ms, "wait", (double)(job->begun_ns - job->call->arrived_ns) * 1e-6);
     cJSON_AddNumberToObject(ms, "solve", (double)(job->solved_ns - job->solving_ns) * 1e-6);
@@ -121,7 +151,7 @@ static struct skd_update update_of(const struct job *job, uint64_t revision)
     return (struct skd_update){
         .session = job->call->live->name,
         .revision = revision,
-        .cause = "stroke",
+        .cause = job->stroke.pose != NULL ? "stroke" : "refit",
         .client = job->call->client,
         .step = job->stroke.step,
     };
@@ -133,14 +163,23 @@ static enum skd_status answer(struct skd_call *call, struct skd_error *error)
     struct job *job = call->state;
     const struct skd_session *session = call->live->session;
     uint64_t revision = session->revision + (job->stroke.step->count > 0);
-    skd_stroke_finish(&job->stroke);
-    if (job->want_line) {
+    struct skd_reply *reply = &call->reply;
+    enum skd_status status = skd_stroke_finish(&job->stroke, error);
+    if (status == SKD_OK && job->want_line) {
         struct skd_update update = update_of(job, revision);
-        enum skd_status status = skd_update_encode(SKD_WIRE_LINES, &update, &job->line, error);
-        if (status != SKD_OK)
-            return status;
+        status = skd_update_encode(SKD_WIRE_LINES, &update, &job->line, error);
     }
-    call->reply.body = describe(job, revision);
+    if (status != SKD_OK)
+        return status;
+    reply->body = describe(job, revision);
+    if (job->stroke.told == NULL)
+        return SKD_OK;
+    reply->arrays[0] =
+        (struct skd_array_out){"residuals", SKD_F32, job->stroke.told_count, 0, job->stroke.told};
+    reply->array_count = 1;
+    reply->owner = job->stroke.told; /* goes with the answer, not with the stroke */
+    reply->release = free;
+    job->stroke.told = NULL;
     return SKD_OK;
 }
 
@@ -156,8 +195,8 @@ static void committed(struct skd_call *call)
     struct skd_session *session = call->live->session;
     struct skd_step *step = job->stroke.step;
     if (call->status == SKD_OK && step->count > 0) {
-        session->revision++;
         skd_history_push(&session->history, step);
+        skd_session_advance(session);
         struct skd_update update = update_of(job, session->revision);
         uint64_t but = call->request.params.stroke.stream ? call->connection_id : 0;
         skd_updates_send(call->daemon, call->live, &update, but, &job->line);
@@ -211,6 +250,13 @@ static bool submit_chunk(struct job *job)
     return true;
 }
 
+static enum skd_status next_pass(struct skd_call *call, struct skd_error *error)
+{
+    struct job *job = call->state;
+    job->next = 0;
+    return skd_stroke_next_pass(&job->stroke, error);
+}
+
 /* Keeps a few chunks with the workers; when the last one is back, goes on to the commit. */
 static void submit_chunks(struct job *job)
 {
@@ -227,8 +273,12 @@ static void submit_chunks(struct job *job)
         }
         break; /* a chunk that comes back tries again */
     }
-    if (job->in_flight == 0 && !stop_if_cancelled(job))
+    if (job->in_flight > 0 || stop_if_cancelled(job))
+        return;
+    if (is_last_pass(job))
         begin_commit(job);
+    else
+        skd_call_work(job->call, next_pass, prepared);
 }
 
 static enum skd_status prepare(struct skd_call *call, struct skd_error *error)
@@ -244,24 +294,33 @@ static void prepared(struct skd_call *call)
         skd_call_finish(call);
         return;
     }
-    job->solving_ns = uv_hrtime();
+    if (job->stroke.pass == 0)
+        job->solving_ns = uv_hrtime();
     submit_chunks(job);
 }
 
 static void begin(struct skd_call *call)
 {
     struct job *job = call->state;
+    struct skd_error error;
     job->begun_ns = uv_hrtime();
     job->stroke.session = call->live->session;
-    skd_call_work(call, prepare, prepared);
+    if (skd_stroke_claim(&job->stroke, &error) != SKD_OK)
+        skd_call_fail(call, &error);
+    else
+        skd_call_work(call, prepare, prepared);
 }
 
 static void dismiss(struct skd_call *call)
 {
     struct job *job = call->state;
     struct skd_pose *pose = job->stroke.pose;
+    size_t frame_count = job->stroke.input.frame_count;
     skd_stroke_dismiss(&job->stroke);
     skd_pose_release(pose);
+    for (size_t i = 0; i < frame_count; i++)
+        skd_pose_release(job->frames[i]);
+    free(job->frames);
     skd_encoded_finish(&job->line);
     free(job);
 }
@@ -272,38 +331,105 @@ static void read_params(const struct skd_stroke_params *params, struct skd_strok
         .vertices = params->vertices.data,
         .positions = params->positions.data,
         .count = params->vertices.count,
+        .mask = params->mask.data,
+        .mix = params->mix,
         .locked_bones = params->locked_bones,
         .locked_bone_count = params->locked_bone_count,
         .locked_vertices = params->locked_vertices.data,
         .locked_vertex_count = params->locked_vertices.count,
+        .pin = (enum skd_pin_mode)params->pin,
+        .slots = (enum skd_slots_mode)params->slots,
+        .residual = (enum skd_residual_mode)params->residual,
+        .choose_stiffness = isnan(params->stiffness) && params->method == SKD_METHOD_EXACT,
         .options = skd_solve_defaults(),
     };
     input->options.method = (enum skd_method)params->method;
     input->options.constraint = (enum skd_constraint)params->constraint;
-    input->options.stiffness = params->stiffness;
+    if (!isnan(params->stiffness))
+        input->options.stiffness = params->stiffness;
+    input->options.guard = params->guard;
+    input->options.smooth = params->smooth;
     input->options.thesis_k = params->thesis_k;
     input->options.thesis_h = params->thesis_h;
 }
 
-void skd_handle_stroke_apply(struct skd_call *call)
+/* The session named, and a job for it that has read the params; NULL: the call was answered. */
+static struct job *start_job(struct skd_call *call, struct skd_live **live)
 {
     const struct skd_stroke_params *params = &call->request.params.stroke;
-    struct skd_live *live = skd_call_find_session(call, params->session);
-    if (live == NULL)
-        return;
-    struct skd_error error;
-    struct skd_pose *pose = skd_session_find_pose(live->session, params->pose, &error);
-    struct job *job = pose != NULL ? calloc(1, sizeof *job) : NULL;
+    *live = skd_call_find_session(call, params->session);
+    if (*live == NULL)
+        return NULL;
+    struct job *job = calloc(1, sizeof *job);
     if (job == NULL) {
-        if (pose != NULL)
-            (void)skd_fail_memory(&error, "a stroke");
+        struct skd_error error;
+        (void)skd_fail_memory(&error, "a stroke");
+        skd_call_fail(call, &error);
+        return NULL;
+    }
+    job->call = call;
+    call->state = job;
+    call->dismiss = dismiss;
+    read_params(params, &job->stroke.input);
+    return job;
+}
+
+static void handle_in_pose(struct skd_call *call, bool solves_pins)
+{
+    struct skd_live *live;
+    struct job *job = start_job(call, &live);
+    struct skd_error error;
+    if (job == NULL)
+        return;
+    struct skd_pose *pose =
+        skd_session_find_pose(live->session, call->request.params.stroke.pose, &error);
+    if (pose == NULL) {
         skd_call_fail(call, &error);
         return;
     }
-    job->call = call;
     job->stroke.pose = skd_pose_hold(pose);
-    read_params(params, &job->stroke.input);
-    call->state = job;
-    call->dismiss = dismiss;
+    job->stroke.input.solves_pins = solves_pins;
+    job->stroke.input.names_vertices = call->request.params.stroke.vertices_given;
+    skd_call_take_turn(call, live, begin);
+}
+
+void skd_handle_stroke_apply(struct skd_call *call)
+{
+    handle_in_pose(call, false);
+}
+
+void skd_handle_pins_solve(struct skd_call *call)
+{
+    handle_in_pose(call, true);
+}
+
+void skd_handle_session_refit(struct skd_call *call)
+{
+    const struct skd_stroke_params *params = &call->request.params.stroke;
+    struct skd_live *live;
+    struct job *job = start_job(call, &live);
+    struct skd_error error;
+    if (job == NULL)
+        return;
+    struct skd_stroke_input *input = &job->stroke.input;
+    job->frames = calloc(params->pose_count + 1, sizeof(struct skd_pose *));
+    if (job->frames == NULL) {
+        (void)skd_fail_memory(&error, "a refit");
+        skd_call_fail(call, &error);
+        return;
+    }
+    for (size_t i = 0; i < params->pose_count; i++) {
+        struct skd_pose *pose = skd_session_find_pose(live->session, params->poses[i], &error);
+        if (pose == NULL) {
+            skd_call_fail(call, &error);
+            return;
+        }
+        job->frames[input->frame_count++] = skd_pose_hold(pose);
+    }
+    input->frames = job->frames;
+    input->frame_positions = params->positions.data;
+    input->positions = NULL;
+    input->count = params->positions.rows;
+    input->rounds = params->rounds;
     skd_call_take_turn(call, live, begin);
 }

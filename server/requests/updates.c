@@ -17,16 +17,37 @@ static struct skd_connection *find(const struct skd_daemon *daemon, uint64_t id)
     return connection;
 }
 
+int skd_step_arrays(const struct skd_step *step, bool undo, size_t first, size_t count,
+                    struct skd_array_out arrays[SKD_STEP_ARRAYS])
+{
+    size_t slots = (size_t)step->slot_count;
+    const float *weights = undo ? step->before : step->after;
+    const uint16_t *joints = undo ? step->joints_before : step->joints_after;
+    const float *rest = undo ? step->rest_before : step->rest_after;
+    int used = 0;
+    arrays[used++] = (struct skd_array_out){"vertices", SKD_U32, count, 0, step->vertices + first};
+    arrays[used++] =
+        (struct skd_array_out){"weights", SKD_F32, count, slots, weights + first * slots};
+    if (joints != NULL)
+        arrays[used++] =
+            (struct skd_array_out){"joints", SKD_U16, count, slots, joints + first * slots};
+    if (rest != NULL)
+        arrays[used++] = (struct skd_array_out){"rest", SKD_F32, count, 3, rest + 3 * first};
+    if (step->shape != NULL) {
+        const float *offsets = undo ? step->shape->before : step->shape->after;
+        arrays[used++] = (struct skd_array_out){"offsets", SKD_F32, count, SKD_SHAPE_NUMBERS,
+                                                offsets + SKD_SHAPE_NUMBERS * first};
+    }
+    return used;
+}
+
 enum skd_status skd_update_encode(enum skd_wire_mode mode, const struct skd_update *update,
                                   struct skd_encoded *encoded, struct skd_error *error)
 {
     const struct skd_step *step = update->step;
     bool whole = !update->brief && (mode == SKD_WIRE_FRAMES || step->count <= LINE_VERTICES_MAX);
-    struct skd_array_out arrays[] = {
-        {"vertices", SKD_U32, step->count, 0, step->vertices},
-        {"weights", SKD_F32, step->count, (size_t)step->slot_count,
-         update->undo ? step->before : step->after},
-    };
+    struct skd_array_out arrays[SKD_STEP_ARRAYS];
+    int count = whole ? skd_step_arrays(step, update->undo, 0, step->count, arrays) : 0;
     cJSON *body = cJSON_CreateObject();
     cJSON_AddStringToObject(body, "session", update->session);
     cJSON_AddNumberToObject(body, "revision", (double)update->revision);
@@ -35,8 +56,9 @@ enum skd_status skd_update_encode(enum skd_wire_mode mode, const struct skd_upda
     cJSON_AddNumberToObject(body, "influences", step->slot_count);
     if (!whole)
         cJSON_AddTrueToObject(body, "resync");
-    return skd_encode_notification(mode, "session.update", body, arrays, whole ? 2 : 0, encoded,
-                                   error);
+    else if (step->shape != NULL)
+        cJSON_AddStringToObject(body, "shape", step->shape->sheet->pose->name);
+    return skd_encode_notification(mode, "session.update", body, arrays, count, encoded, error);
 }
 
 bool skd_updates_want_line(const struct skd_daemon *daemon, const struct skd_live *live,

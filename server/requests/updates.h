@@ -12,12 +12,18 @@
 struct skd_update {
     const char *session;
     uint64_t revision;
-    const char *cause;  /* "stroke", "set", "undo", "redo" */
+    const char *cause;  /* "stroke", "set", "undo", "redo", ... */
     const char *client; /* who asked */
     struct skd_step *step;
     bool undo;  /* the step's `before` is what holds now */
     bool brief; /* say `resync` and leave the arrays out */
 };
+
+/* The arrays that tell items [first, first + count) of a step: vertices and weights; joints, rest
+ * and offsets where the step may change them. Returns how many. */
+enum { SKD_STEP_ARRAYS = 5 };
+int skd_step_arrays(const struct skd_step *step, bool undo, size_t first, size_t count,
+                    struct skd_array_out arrays[SKD_STEP_ARRAYS]);
 
 /* A line names no more than 16,384 vertices: beyond that it says `resync` and leaves them out. */
 SKD_MUST_CHECK enum skd_status skd_update_encode(enum skd_wire_mode mode,

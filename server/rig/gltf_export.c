@@ -1,14 +1,17 @@
-/* See gltf.h: a rig's source with other weights.
+/* See gltf.h: a rig's source with other weights, rest positions and shapes.
  *
  * The source is read again and compared with its digest, what to write where is planned
- * (gltf_plan.h), rows are written into the buffers in memory, the JSON is edited where numbers
- * moved (json_edit.h), and all is put together from slices.
+ * (gltf_plan.h), elements are written into the buffers in memory or behind them
+ * (gltf_additions.h), the JSON is edited where numbers moved (json_edit.h), and all is put together
+ * from slices.
  */
 #include "rig/gltf.h"
 
 #include "rig/gltf_companions.h"
 #include "rig/gltf_patch.h"
 #include "rig/gltf_plan.h"
+#include "rig/gltf_rest.h"
+#include "rig/gltf_shapes.h"
 #include "rig/json_edit.h"
 #include "rig/uri.h"
 #include "rig/weight_rows.h"
@@ -91,8 +94,8 @@ static void carry_row(const struct skd_part_plan *plan, const struct skd_gltf_se
 
 static enum skd_status write_rows(const struct skd_rig *rig,
                                   const struct skd_gltf_container *container,
-                                  const struct skd_new_weights *wanted, const struct skd_part *part,
-                                  const struct skd_part_plan *plan,
+                                  const struct skd_gltf_content *wanted,
+                                  const struct skd_part *part, const struct skd_part_plan *plan,
                                   struct skd_gltf_export_report *report, struct skd_error *error)
 {
     struct skd_gltf_sets sets;
@@ -128,6 +131,7 @@ struct export
 {
     const struct skd_rig *rig;
     struct skd_gltf_container container;
+    struct skd_gltf_claims claims;
     struct skd_part_plan *plans;
     struct skd_gltf_patch patch;
     struct skd_outputs outputs;
@@ -135,12 +139,12 @@ struct export
     bool *is_written; /* [buffers] goes into a file of its own, anew */
 };
 
-static enum skd_status write_weights(struct export *export, const struct skd_new_weights *wanted,
+static enum skd_status write_weights(struct export *export, const struct skd_gltf_content *wanted,
                                      struct skd_gltf_export_report *report, struct skd_error *error)
 {
     const struct skd_mesh *mesh = &export->rig->mesh;
-    enum skd_status status =
-        skd_gltf_plan(export->rig, &export->container, wanted, export->plans, error);
+    enum skd_status status = skd_gltf_plan(export->rig, &export->container, &export->claims, wanted,
+                                           export->plans, error);
     if (status == SKD_OK)
         status = skd_gltf_patch_make_room(&export->patch, &export->container, mesh, export->plans,
                                           error);
@@ -155,6 +159,25 @@ static enum skd_status write_weights(struct export *export, const struct skd_new
         status =
             skd_gltf_patch_json(&export->patch, &export->container, mesh, export->plans, error);
     return status;
+}
+
+/* Everything that goes into the buffers and the JSON. */
+static enum skd_status write_content(struct export *export, const struct skd_gltf_content *content,
+                                     struct skd_gltf_export_report *report, struct skd_error *error)
+{
+    struct skd_gltf_patch *patch = &export->patch;
+    enum skd_status status = skd_gltf_patch_init(patch, &export->container, error);
+    if (status == SKD_OK)
+        status = skd_gltf_claims_find(&export->container, &export->claims, error);
+    if (status == SKD_OK)
+        status = write_weights(export, content, report, error);
+    if (status == SKD_OK)
+        status = skd_gltf_rest_write(export->rig, &export->container, &export->claims, content,
+                                     patch, report, error);
+    if (status == SKD_OK)
+        status =
+            skd_gltf_shapes_write(export->rig, &export->container, content, patch, report, error);
+    return status == SKD_OK ? skd_gltf_patch_close(patch, error) : status;
 }
 
 /* Puts buffers that changed back where they came from: a data URI, or a file beside the target. */
@@ -211,11 +234,10 @@ static enum skd_status check_target(const struct skd_gltf_container *container, 
                     "\"%s\" must end in %s, as the character that was loaded is one", path, ending);
 }
 
-enum skd_status skd_gltf_export(const struct skd_rig *rig, int slot_count, const uint16_t *joints,
-                                const float *weights, const char *path,
-                                struct skd_gltf_export_report *report, struct skd_error *error)
+enum skd_status skd_gltf_export(const struct skd_rig *rig, const struct skd_gltf_content *content,
+                                const char *path, struct skd_gltf_export_report *report,
+                                struct skd_error *error)
 {
-    const struct skd_new_weights wanted = {slot_count, joints, weights};
     struct export export = {.rig = rig, .outputs.folder_fd = -1};
     const char *name = NULL;
     *report = (struct skd_gltf_export_report){0};
@@ -232,7 +254,7 @@ enum skd_status skd_gltf_export(const struct skd_rig *rig, int slot_count, const
     if (status == SKD_OK)
         status = check_target(&export.container, path, error);
     if (status == SKD_OK)
-        status = write_weights(&export, &wanted, report, error);
+        status = write_content(&export, content, report, error);
     if (status == SKD_OK)
         status = skd_outputs_open(path, &export.outputs, &name, error);
     if (status == SKD_OK) {
@@ -242,6 +264,7 @@ enum skd_status skd_gltf_export(const struct skd_rig *rig, int slot_count, const
     report->bytes = export.outputs.bytes;
     skd_outputs_finish(&export.outputs);
     skd_gltf_patch_finish(&export.patch);
+    skd_gltf_claims_finish(&export.claims);
     free(export.plans);
     free(export.is_written);
     skd_gltf_container_finish(&export.container);

@@ -9,25 +9,9 @@
 #ifndef SKD_RIG_GLTF_PLAN_H
 #define SKD_RIG_GLTF_PLAN_H
 
-#include "rig/gltf_container.h"
+#include "rig/gltf.h"
+#include "rig/gltf_claims.h"
 #include "rig/gltf_sets.h"
-#include "rig/rig.h"
-
-/* The weights to write, as skd_gltf_export takes them. */
-struct skd_new_weights {
-    int slot_count;
-    const uint16_t *joints;
-    const float *weights;
-};
-
-/* One JOINTS_n or WEIGHTS_n of one primitive. */
-struct skd_gltf_target {
-    bool is_new;
-    int32_t accessor; /* in the file; -1 for a set that is added */
-    int component;
-    uint8_t *bytes; /* element i at bytes + i * stride */
-    size_t stride;
-};
 
 struct skd_part_plan {
     bool is_changed;  /* some row differs */
@@ -41,7 +25,7 @@ struct skd_part_plan {
 
 /* The wanted influences of one vertex: those that weigh something. Returns how many, or -1 for a
  * negative weight. */
-int skd_wanted_row(const struct skd_new_weights *wanted, size_t vertex, struct skd_influence *row);
+int skd_wanted_row(const struct skd_gltf_content *wanted, size_t vertex, struct skd_influence *row);
 
 /* True when the file's row means exactly what is wanted and is valid as it stands. */
 bool skd_row_is_kept(struct skd_gltf_sets *sets, size_t vertex, const struct skd_influence *wanted,
@@ -51,7 +35,8 @@ bool skd_row_is_kept(struct skd_gltf_sets *sets, size_t vertex, const struct skd
  * Errors: SKD_UNSUPPORTED (negative weights), SKD_NO_MEMORY, those of reading. */
 SKD_MUST_CHECK enum skd_status skd_gltf_plan(const struct skd_rig *rig,
                                              const struct skd_gltf_container *container,
-                                             const struct skd_new_weights *wanted,
+                                             const struct skd_gltf_claims *claims,
+                                             const struct skd_gltf_content *wanted,
                                              struct skd_part_plan *plans, struct skd_error *error);
 
 #endif

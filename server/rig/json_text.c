@@ -202,3 +202,21 @@ struct skd_json *skd_json_elements(struct skd_json array, size_t *count)
         (void)skd_json_next(&array, &key, &elements[i]);
     return elements;
 }
+
+struct skd_json *skd_json_member_elements(struct skd_json object, const char *name, size_t *count)
+{
+    struct skd_json array;
+    if (!skd_json_member(object, name, &array))
+        array = (struct skd_json){object.end, object.end};
+    return skd_json_elements(array, count);
+}
+
+long skd_json_index(struct skd_json object, const char *name)
+{
+    struct skd_json value;
+    char *end = NULL;
+    if (!skd_json_member(object, name, &value))
+        return -1;
+    const long index = strtol(value.start, &end, 10);
+    return end == value.start || index < 0 ? -1 : index;
+}

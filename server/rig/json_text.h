@@ -36,4 +36,10 @@ size_t skd_json_count(struct skd_json array);
 /* All elements of an array, the caller's to free; NULL: no memory. */
 struct skd_json *skd_json_elements(struct skd_json array, size_t *count);
 
+/* The same of a member; none when it is not there. */
+struct skd_json *skd_json_member_elements(struct skd_json object, const char *name, size_t *count);
+
+/* A member that is an index; -1 when it is not there or no whole number of 0 or more. */
+long skd_json_index(struct skd_json object, const char *name);
+
 #endif

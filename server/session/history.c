@@ -24,6 +24,31 @@ struct skd_step *skd_step_create(size_t count, int slot_count)
     return step;
 }
 
+enum skd_status skd_step_add_joints(struct skd_step *step, struct skd_error *error)
+{
+    size_t bytes = step->count * (size_t)step->slot_count * sizeof(uint16_t);
+    step->joints_before = malloc(bytes + 1);
+    step->joints_after = malloc(bytes + 1);
+    if (step->joints_before == NULL || step->joints_after == NULL)
+        return skd_fail_memory(error, "the bones of the stroke's vertices");
+    return SKD_OK;
+}
+
+enum skd_status skd_step_add_rest(struct skd_step *step, struct skd_error *error)
+{
+    size_t bytes = step->count * 3 * sizeof(float);
+    step->rest_before = malloc(bytes + 1);
+    step->rest_after = malloc(bytes + 1);
+    if (step->rest_before == NULL || step->rest_after == NULL)
+        return skd_fail_memory(error, "the rest positions of the stroke's vertices");
+    return SKD_OK;
+}
+
+bool skd_step_is_empty(const struct skd_step *step)
+{
+    return step->count == 0 && step->pins == NULL && step->shape == NULL;
+}
+
 struct skd_step *skd_step_hold(struct skd_step *step)
 {
     step->references++;
@@ -37,13 +62,24 @@ void skd_step_release(struct skd_step *step)
     free(step->vertices);
     free(step->before);
     free(step->after);
+    free(step->joints_before);
+    free(step->joints_after);
+    free(step->rest_before);
+    free(step->rest_after);
+    skd_sheet_change_destroy(step->pins);
+    skd_sheet_change_destroy(step->shape);
     free(step);
 }
 
 size_t skd_step_bytes(const struct skd_step *step)
 {
-    return sizeof *step +
-           step->count * (sizeof(uint32_t) + 2 * (size_t)step->slot_count * sizeof(float));
+    size_t row_bytes = sizeof(uint32_t) + 2 * (size_t)step->slot_count * sizeof(float);
+    if (step->joints_after != NULL)
+        row_bytes += 2 * (size_t)step->slot_count * sizeof(uint16_t);
+    if (step->rest_after != NULL)
+        row_bytes += 2 * 3 * sizeof(float);
+    return sizeof *step + step->count * row_bytes + skd_sheet_change_bytes(step->pins) +
+           skd_sheet_change_bytes(step->shape);
 }
 
 enum skd_status skd_history_reserve(struct skd_history *history, struct skd_error *error)

@@ -12,8 +12,7 @@
 #ifndef SKD_SESSION_HISTORY_H
 #define SKD_SESSION_HISTORY_H
 
-#include "base/error.h"
-#include "protocol/limits.h"
+#include "session/sheet.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -27,14 +26,26 @@ struct skd_step {
     size_t count;                               /* vertices */
     int slot_count;
     uint32_t *vertices; /* [count] each once */
-    float *before;      /* [count][slots] */
+    float *before;      /* [count][slots] weights */
     float *after;       /* [count][slots] */
+    /* What few steps change; both of a pair are NULL where the step does not. */
+    uint16_t *joints_before; /* [count][slots] */
+    uint16_t *joints_after;
+    float *rest_before; /* [count][3] */
+    float *rest_after;
+    struct skd_sheet_change *pins;  /* a list, each of its own vertices */
+    struct skd_sheet_change *shape; /* of the step's vertices, or NULL */
 };
 
 /* A step with room for `count` vertices, one reference held by the caller; NULL: no memory. */
 struct skd_step *skd_step_create(size_t count, int slot_count);
+/* Room for joints or rest positions too; what is there before is left to the caller. */
+SKD_MUST_CHECK enum skd_status skd_step_add_joints(struct skd_step *step, struct skd_error *error);
+SKD_MUST_CHECK enum skd_status skd_step_add_rest(struct skd_step *step, struct skd_error *error);
 struct skd_step *skd_step_hold(struct skd_step *step);
 void skd_step_release(struct skd_step *step); /* NULL is fine */
+/* Whether it changes nothing, and so is no step of the history. */
+bool skd_step_is_empty(const struct skd_step *step);
 size_t skd_step_bytes(const struct skd_step *step);
 
 struct skd_history {

@@ -62,6 +62,23 @@ static enum skd_status choose_slots(struct skd_session *session,
     return status;
 }
 
+/* Slots chosen a second time, from influences that were cut by what they do in poses. */
+static enum skd_status cut_by_poses(struct skd_session *session,
+                                    const struct skd_influences *influences, enum skd_fill fill,
+                                    struct skd_error *error)
+{
+    struct skd_influences cut = {0};
+    size_t reduced_count = session->slots.reduced_count;
+    float largest_cut;
+    enum skd_status status = skd_reduction_cut(session, influences, &cut, &largest_cut, error);
+    if (status == SKD_OK)
+        status = choose_slots(session, &cut, fill, error);
+    session->slots.reduced_count = reduced_count;
+    session->slots.largest_cut = largest_cut;
+    skd_influences_finish(&cut);
+    return status;
+}
+
 static enum skd_status add_rest_pose(struct skd_session *session, struct skd_error *error)
 {
     int bones = session->rig->skeleton.bone_count;
@@ -85,7 +102,7 @@ enum skd_status skd_session_create(struct skd_rig *rig, const struct skd_influen
     }
     session->rig = rig;
     session->slot_count = options->slot_count;
-    if (influences->most > options->slot_count && !options->may_reduce) {
+    if (influences->most > options->slot_count && options->cut == SKD_CUT_REFUSE) {
         status = refuse_cut(influences, rig->mesh.vertex_count, options->slot_count, error);
         goto fail;
     }
@@ -102,10 +119,17 @@ enum skd_status skd_session_create(struct skd_rig *rig, const struct skd_influen
     if ((status = choose_slots(session, influences, options->fill, error)) != SKD_OK ||
         (status = add_rest_pose(session, error)) != SKD_OK)
         goto fail;
+    if (session->slots.reduced_count > 0 && options->cut == SKD_CUT_POSED &&
+        (status = cut_by_poses(session, influences, options->fill, error)) != SKD_OK)
+        goto fail;
     if (session->slots.reduced_count > 0 &&
         (status = skd_reduction_measure(session, influences, &session->reduction, error)) != SKD_OK)
         goto fail;
     memcpy(session->anchor, session->weights, count * sizeof *session->anchor);
+    session->rest = rig->mesh.rest;
+    size_t bones = (size_t)rig->skeleton.bone_count;
+    skd_sheets_init(&session->pins, SKD_PIN_NUMBERS, -1, rig->mesh.vertex_count, bones);
+    skd_sheets_init(&session->shapes, SKD_SHAPE_NUMBERS, 0, rig->mesh.vertex_count, bones);
     *result = session;
     return SKD_OK;
 fail:
@@ -118,7 +142,15 @@ void skd_session_destroy(struct skd_session *session)
     if (session == NULL)
         return;
     skd_history_finish(&session->history);
+    skd_sheets_finish(&session->pins);
+    skd_sheets_finish(&session->shapes);
     skd_poses_finish(&session->poses);
+    if (session->rest != session->rig->mesh.rest)
+        free(session->rest);
+    free(session->start_joints);
+    free(session->start_weights);
+    free(session->hops);
+    skd_guards_finish(&session->guards);
     free(session->joints);
     free(session->weights);
     free(session->anchor);
@@ -127,13 +159,134 @@ void skd_session_destroy(struct skd_session *session)
     free(session);
 }
 
+enum skd_status skd_session_keep_start(struct skd_session *session, struct skd_error *error)
+{
+    size_t count = weight_count(session);
+    if (session->start_joints != NULL)
+        return SKD_OK;
+    uint16_t *joints = malloc(count * sizeof *joints);
+    float *weights = malloc(count * sizeof *weights);
+    if (joints == NULL || weights == NULL) {
+        free(joints);
+        free(weights);
+        return skd_fail_memory(error, "the bones at the session's start");
+    }
+    memcpy(joints, session->joints, count * sizeof *joints);
+    memcpy(weights, session->anchor, count * sizeof *weights);
+    session->start_joints = joints;
+    session->start_weights = weights;
+    return SKD_OK;
+}
+
+enum skd_status skd_session_own_rest(struct skd_session *session, struct skd_error *error)
+{
+    const struct skd_mesh *mesh = &session->rig->mesh;
+    if (session->rest != mesh->rest)
+        return SKD_OK;
+    float *rest = malloc(mesh->vertex_count * 3 * sizeof *rest);
+    if (rest == NULL)
+        return skd_fail_memory(error, "the rest positions");
+    memcpy(rest, mesh->rest, mesh->vertex_count * 3 * sizeof *rest);
+    session->rest = rest;
+    return SKD_OK;
+}
+
+void skd_session_anchor_row(const struct skd_session *session, size_t vertex,
+                            const uint16_t *joints, float *anchor)
+{
+    size_t slots = (size_t)session->slot_count;
+    const uint16_t *start_joints =
+        (session->start_joints != NULL ? session->start_joints : session->joints) + vertex * slots;
+    const float *start =
+        (session->start_weights != NULL ? session->start_weights : session->anchor) +
+        vertex * slots;
+    for (size_t i = 0; i < slots; i++) {
+        anchor[i] = 0;
+        for (size_t k = 0; k < slots && joints[i] != SKD_SLOT_EMPTY; k++) {
+            if (start_joints[k] == joints[i])
+                anchor[i] = start[k];
+        }
+    }
+}
+
+size_t skd_session_count_moved(const struct skd_session *session)
+{
+    const struct skd_mesh *mesh = &session->rig->mesh;
+    size_t moved = 0;
+    for (size_t v = 0; v < mesh->vertex_count && session->rest != mesh->rest; v++)
+        moved += memcmp(session->rest + 3 * v, mesh->rest + 3 * v, 3 * sizeof(float)) != 0;
+    return moved;
+}
+
+void skd_session_show(const struct skd_session *session, const struct skd_pose *pose, size_t count,
+                      const uint32_t *vertices, float *out)
+{
+    size_t slots = (size_t)session->slot_count;
+    const struct skd_sheet *shape = skd_sheets_find(&session->shapes, pose);
+    skd_skin(count, vertices, session->slot_count, session->rest, session->joints, session->weights,
+             pose->matrices, out);
+    for (size_t i = 0; i < count && shape != NULL; i++) {
+        uint32_t vertex = vertices != NULL ? vertices[i] : (uint32_t)i;
+        const float *offset = skd_sheet_row(&session->shapes, shape, vertex);
+        if (offset == NULL)
+            continue;
+        float rest[3];
+        for (int axis = 0; axis < 3; axis++)
+            rest[axis] = session->rest[3 * (size_t)vertex + (size_t)axis] + offset[axis];
+        skd_skin(1, NULL, session->slot_count, rest, session->joints + vertex * slots,
+                 session->weights + vertex * slots, pose->matrices, out + 3 * i);
+    }
+}
+
+static void write_joints(struct skd_session *session, const struct skd_step *step,
+                         const uint16_t *joints)
+{
+    size_t slots = (size_t)step->slot_count;
+    for (size_t i = 0; i < step->count; i++) {
+        size_t at = step->vertices[i] * slots;
+        skd_session_anchor_row(session, step->vertices[i], joints + i * slots,
+                               session->anchor + at);
+        memcpy(session->joints + at, joints + i * slots, slots * sizeof(uint16_t));
+    }
+}
+
 void skd_session_write(struct skd_session *session, const struct skd_step *step, bool undo)
 {
-    const float *source = undo ? step->before : step->after;
+    const float *weights = undo ? step->before : step->after;
+    const uint16_t *joints = undo ? step->joints_before : step->joints_after;
+    const float *rest = undo ? step->rest_before : step->rest_after;
     size_t slots = (size_t)step->slot_count;
+    if (joints != NULL)
+        write_joints(session, step, joints);
     for (size_t i = 0; i < step->count; i++)
-        memcpy(session->weights + step->vertices[i] * slots, source + i * slots,
+        memcpy(session->weights + step->vertices[i] * slots, weights + i * slots,
                slots * sizeof(float));
+    for (size_t i = 0; i < step->count && rest != NULL; i++)
+        memcpy(session->rest + 3 * (size_t)step->vertices[i], rest + 3 * i, 3 * sizeof(float));
+    for (struct skd_sheet_change *change = step->pins; change != NULL; change = change->next)
+        skd_sheet_change_write(change, undo);
+    if (step->shape != NULL)
+        skd_sheet_change_write(step->shape, undo);
+}
+
+void skd_session_account(struct skd_session *session)
+{
+    size_t bytes = skd_sheets_bytes(&session->pins) + skd_sheets_bytes(&session->shapes) +
+                   skd_guards_bytes(&session->guards);
+    if (session->start_joints != NULL)
+        bytes += weight_count(session) * (sizeof(uint16_t) + sizeof(float));
+    if (session->rest != session->rig->mesh.rest)
+        bytes += session->rig->mesh.vertex_count * 3 * sizeof(float);
+    if (session->hops != NULL)
+        bytes +=
+            (size_t)session->rig->skeleton.bone_count * (size_t)session->rig->skeleton.bone_count;
+    session->grown_bytes = bytes;
+}
+
+void skd_session_advance(struct skd_session *session)
+{
+    skd_session_account(session);
+    session->revision++;
 }
 
 size_t skd_session_bytes(const struct skd_session *session)
@@ -143,7 +296,7 @@ size_t skd_session_bytes(const struct skd_session *session)
     return sizeof *session + skd_rig_bytes(session->rig) +
            weight_count(session) * (sizeof(uint16_t) + 2 * sizeof(float)) +
            HASH_COUNT(session->poses.by_name) * (sizeof(struct skd_pose) + pose_bytes) +
-           session->history.bytes;
+           session->history.bytes + session->grown_bytes;
 }
 
 struct skd_pose *skd_session_find_pose(const struct skd_session *session, const char *name,

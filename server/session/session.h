@@ -9,8 +9,10 @@
 
 #include "protocol/limits.h"
 #include "rig/rig.h"
+#include "session/guards.h"
 #include "session/history.h"
 #include "session/poses.h"
+#include "session/sheet.h"
 #include "solver/slots.h"
 
 /* How far the vertices moved whose influences were cut, over poses that were tried. */
@@ -24,22 +26,34 @@ struct skd_session {
     char name[SKD_SESSION_NAME_BYTES_MAX + 1];
     char *source; /* the file's path, or "" for arrays */
     struct skd_rig *rig;
-    int slot_count;    /* N: 4 or 8 */
-    uint16_t *joints;  /* [V][N] */
-    float *weights;    /* [V][N] */
-    float *anchor;     /* [V][N] the weights at revision 0 */
-    uint64_t revision; /* one more for each commit, undo and redo */
-    uint64_t exported; /* the revision last written to a file */
+    int slot_count;   /* N: 4 or 8 */
+    uint16_t *joints; /* [V][N] */
+    float *weights;   /* [V][N] */
+    float *anchor;    /* [V][N] the weights at revision 0, laid out by `joints` */
+    float *rest;      /* [V][3] the rig's own, or a copy since a step moved it */
+    /* What vertices had at revision 0; NULL while `joints` and `anchor` still tell. */
+    uint16_t *start_joints;  /* [V][N] */
+    float *start_weights;    /* [V][N] */
+    uint8_t *hops;           /* [B][B], once a stroke has chosen slots */
+    struct skd_guards guards; /* poses to keep */
+    struct skd_sheets pins;
+    struct skd_sheets shapes;
+    size_t grown_bytes; /* of what grows, as of the last skd_session_account */
+    uint64_t revision;  /* one more for each commit, undo and redo */
+    uint64_t exported;  /* the revision last written to a file */
     struct skd_slots_report slots;
     struct skd_reduction reduction;
     struct skd_poses poses;
     struct skd_history history;
 };
 
+/* What becomes of influences beyond the slots (session/reduction.h). */
+enum skd_cut { SKD_CUT_REFUSE, SKD_CUT_LARGEST, SKD_CUT_POSED };
+
 struct skd_session_options {
     int slot_count;
     enum skd_fill fill;
-    bool may_reduce; /* cut influences beyond the slots instead of refusing */
+    enum skd_cut cut;
 };
 
 /* Makes a session from a rig and its influences: chooses slots, sets the anchor, adds the pose
@@ -50,10 +64,37 @@ skd_session_create(struct skd_rig *rig, const struct skd_influences *influences,
                    struct skd_error *error);
 void skd_session_destroy(struct skd_session *session); /* NULL is fine */
 
-/* Writes a step's weights (its `after`, or its `before` when undoing) into the session. */
+/* Before a step that changes slots or rest positions: keeps what was at the start, so that writing
+ * cannot fail. Errors: SKD_NO_MEMORY. */
+SKD_MUST_CHECK enum skd_status skd_session_keep_start(struct skd_session *session,
+                                                      struct skd_error *error);
+SKD_MUST_CHECK enum skd_status skd_session_own_rest(struct skd_session *session,
+                                                    struct skd_error *error);
+
+/* The start's weights of a vertex laid out by other joints: 0 for a bone that it did not have. */
+void skd_session_anchor_row(const struct skd_session *session, size_t vertex,
+                            const uint16_t *joints, float *anchor);
+
+/* Vertices whose rest position is not the rig's. */
+size_t skd_session_count_moved(const struct skd_session *session);
+
+/* Where vertices are shown in a pose, its corrective shape included: out [count][3]. `vertices`
+ * NULL: the first `count`. */
+void skd_session_show(const struct skd_session *session, const struct skd_pose *pose, size_t count,
+                      const uint32_t *vertices, float *out);
+
+/* Writes what a step changes (its `after`, or its `before` when undoing) into the session. */
 void skd_session_write(struct skd_session *session, const struct skd_step *step, bool undo);
 
-/* Resident bytes of the session: rig, weights, poses and history. */
+/* Looks anew at what the session's growing parts take: rest, start, sheets, guard. Loop thread,
+ * within a call's turn. */
+void skd_session_account(struct skd_session *session);
+
+/* A change was committed: one revision more. Loop thread, within the call's turn. */
+void skd_session_advance(struct skd_session *session);
+
+/* Resident bytes of the session: rig, weights, poses and history. Loop thread, at any time: what a
+ * worker may be adding to counts as it was when it was last looked at. */
 size_t skd_session_bytes(const struct skd_session *session);
 
 /* The pose of that name, borrowed, or NULL with SKD_NO_POSE. */

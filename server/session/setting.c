@@ -11,11 +11,50 @@
  * mended. */
 static const double SLACK = 1e-3;
 
-static enum skd_status check_row(const struct skd_session *session, uint32_t vertex, size_t row,
-                                 const float *weights, struct skd_error *error)
+/* The bones that a row's weights are for: those sent, or those that the vertex has. */
+static const uint16_t *joints_of(const struct skd_session *session,
+                                 const struct skd_setting *setting, size_t row)
 {
     size_t slots = (size_t)session->slot_count;
-    const uint16_t *joints = session->joints + vertex * slots;
+    return setting->joints != NULL ? setting->joints + row * slots
+                                   : session->joints + setting->vertices[row] * slots;
+}
+
+static enum skd_status check_joints(const struct skd_session *session,
+                                    const struct skd_setting *setting, size_t row,
+                                    struct skd_error *error)
+{
+    const struct skd_rig *rig = session->rig;
+    uint32_t vertex = setting->vertices[row];
+    const uint16_t *joints = joints_of(session, setting, row);
+    for (int i = 0; i < session->slot_count; i++) {
+        if (joints[i] == SKD_SLOT_EMPTY)
+            continue;
+        if (joints[i] >= rig->skeleton.bone_count ||
+            rig->skeleton.skins[joints[i]] != rig->mesh.skins[vertex])
+            return skd_fail(error, SKD_BAD_INDEX,
+                            "joints[%zu] (vertex %u) names bone %u in slot %d, which is none of "
+                            "the vertex's skin (session \"%s\" has %d bones)",
+                            row, (unsigned)vertex, (unsigned)joints[i], i, session->name,
+                            rig->skeleton.bone_count);
+        for (int k = 0; k < i; k++) {
+            if (joints[k] == joints[i])
+                return skd_fail(error, SKD_BAD_PARAMS,
+                                "joints[%zu] (vertex %u) names bone %u twice; a bone has one slot",
+                                row, (unsigned)vertex, (unsigned)joints[i]);
+        }
+    }
+    return SKD_OK;
+}
+
+static enum skd_status check_row(const struct skd_session *session,
+                                 const struct skd_setting *setting, size_t row,
+                                 struct skd_error *error)
+{
+    size_t slots = (size_t)session->slot_count;
+    uint32_t vertex = setting->vertices[row];
+    const float *weights = setting->weights + row * slots;
+    const uint16_t *joints = joints_of(session, setting, row);
     double sum = 0;
     for (size_t i = 0; i < slots; i++) {
         double weight = (double)weights[i];
@@ -42,6 +81,18 @@ static enum skd_status check_row(const struct skd_session *session, uint32_t ver
     return SKD_OK;
 }
 
+static enum skd_status check_vectors(const struct skd_setting *setting, const float *vectors,
+                                     const char *name, struct skd_error *error)
+{
+    for (size_t i = 0; vectors != NULL && i < setting->count * 3; i++) {
+        if (!isfinite(vectors[i]))
+            return skd_fail(error, SKD_NOT_FINITE,
+                            "%s[%zu] (vertex %u) is not finite; send numbers in bind space", name,
+                            i / 3, (unsigned)setting->vertices[i / 3]);
+    }
+    return SKD_OK;
+}
+
 static enum skd_status check(const struct skd_session *session, const struct skd_setting *setting,
                              struct skd_error *error)
 {
@@ -54,8 +105,12 @@ static enum skd_status check(const struct skd_session *session, const struct skd
                         setting->weight_count, setting->count, session->name, slots, slots);
     status = skd_session_check_distinct(session, setting->vertices, setting->count, error);
     for (size_t i = 0; i < setting->count && status == SKD_OK; i++)
-        status = check_row(session, setting->vertices[i], i, setting->weights + i * slots, error);
-    return status;
+        status = check_row(session, setting, i, error);
+    for (size_t i = 0; i < setting->count && setting->joints != NULL && status == SKD_OK; i++)
+        status = check_joints(session, setting, i, error);
+    if (status == SKD_OK)
+        status = check_vectors(setting, setting->rest, "rest", error);
+    return status == SKD_OK ? check_vectors(setting, setting->offsets, "offsets", error) : status;
 }
 
 /* Whether a row of one vertex means the same on the other. */
@@ -66,84 +121,152 @@ static bool have_same_slots(const struct skd_session *session, uint32_t a, uint3
                   slots * sizeof *session->joints) == 0;
 }
 
-/* Counts the step's vertices: those named and those that follow them. With a step it writes these
- * behind the named ones, whose rows are there. */
-static size_t follow(const struct skd_session *session, const struct skd_setting *setting,
-                     const uint8_t *named, uint8_t *walked, struct skd_step *step)
+/* The step's vertices and, of each, the row that was sent for it. */
+struct list {
+    size_t count;
+    uint32_t *vertices;
+    uint32_t *rows;
+};
+
+/* Lists those named, then the twins that follow them. Only counts where `list` has no arrays. */
+static void follow(const struct skd_session *session, const struct skd_setting *setting,
+                   const uint8_t *named, uint8_t *walked, struct list *list)
 {
     const uint32_t *twins = session->rig->mesh.twins;
-    size_t slots = (size_t)session->slot_count, count = setting->count;
-    for (size_t i = 0; i < setting->count; i++) {
+    list->count = setting->count;
+    for (size_t i = 0; i < setting->count && list->vertices != NULL; i++) {
+        list->vertices[i] = setting->vertices[i];
+        list->rows[i] = (uint32_t)i;
+    }
+    for (size_t i = 0; i < setting->count && twins != NULL; i++) {
         uint32_t first = setting->vertices[i];
         if (skd_bits_take(walked, first))
             continue; /* and so was its ring, which may be long */
         for (uint32_t twin = twins[first]; twin != first; twin = twins[twin]) {
             (void)skd_bits_take(walked, twin);
-            if (skd_bits_has(named, twin) || !have_same_slots(session, first, twin))
+            if (skd_bits_has(named, twin) ||
+                (setting->joints == NULL && !have_same_slots(session, first, twin)))
                 continue;
-            if (step != NULL) {
-                step->vertices[count] = twin;
-                memcpy(step->after + count * slots, step->after + i * slots, slots * sizeof(float));
+            if (list->vertices != NULL) {
+                list->vertices[list->count] = twin;
+                list->rows[list->count] = (uint32_t)i;
             }
-            count++;
+            list->count++;
         }
     }
-    return count;
 }
 
-/* The rows as they are stored, and what they replace. */
-static void fill_named(const struct skd_session *session, const struct skd_setting *setting,
-                       struct skd_step *step)
+static enum skd_status list_vertices(const struct skd_session *session,
+                                     const struct skd_setting *setting, struct list *list,
+                                     struct skd_error *error)
 {
-    size_t slots = (size_t)session->slot_count;
-    memcpy(step->vertices, setting->vertices, setting->count * sizeof(uint32_t));
-    memcpy(step->after, setting->weights, setting->count * slots * sizeof(float));
+    size_t bytes = skd_bits_bytes(session->rig->mesh.vertex_count);
+    uint8_t *named = calloc(bytes, 1), *walked = calloc(bytes, 1);
+    enum skd_status status = SKD_OK;
+    *list = (struct list){0};
+    if (named == NULL || walked == NULL)
+        goto fail;
     for (size_t i = 0; i < setting->count; i++)
-        skd_slots_normalise(session->slot_count, session->joints + step->vertices[i] * slots,
-                            step->after + i * slots);
-}
-
-static void fill_before(const struct skd_session *session, struct skd_step *step)
-{
-    size_t slots = (size_t)session->slot_count;
-    for (size_t i = 0; i < step->count; i++)
-        memcpy(step->before + i * slots, session->weights + step->vertices[i] * slots,
-               slots * sizeof(float));
-}
-
-enum skd_status skd_setting_prepare(const struct skd_session *session,
-                                    const struct skd_setting *setting, struct skd_step **result,
-                                    struct skd_error *error)
-{
-    const struct skd_mesh *mesh = &session->rig->mesh;
-    size_t bytes = skd_bits_bytes(mesh->vertex_count), count = setting->count;
-    uint8_t *named = NULL, *walked = NULL;
-    struct skd_step *step = NULL;
-    enum skd_status status = check(session, setting, error);
-    if (status != SKD_OK)
-        return status;
-    if (mesh->twins != NULL) {
-        named = calloc(bytes, 1);
-        walked = calloc(bytes, 1);
-        if (named == NULL || walked == NULL)
-            goto done;
-        for (size_t i = 0; i < setting->count; i++)
-            (void)skd_bits_take(named, setting->vertices[i]);
-        count = follow(session, setting, named, walked, NULL);
-    }
-    step = skd_step_create(count, session->slot_count);
-    if (step == NULL)
-        goto done;
-    if (count > 0)
-        fill_named(session, setting, step);
-    if (count > setting->count) {
-        memset(walked, 0, bytes);
-        (void)follow(session, setting, named, walked, step);
-    }
-    fill_before(session, step);
+        (void)skd_bits_take(named, setting->vertices[i]);
+    follow(session, setting, named, walked, list);
+    list->vertices = malloc(list->count * sizeof *list->vertices + 1);
+    list->rows = malloc(list->count * sizeof *list->rows + 1);
+    if (list->vertices == NULL || list->rows == NULL)
+        goto fail;
+    memset(walked, 0, bytes);
+    follow(session, setting, named, walked, list);
+    goto done;
+fail:
+    status = skd_fail_memory(error, "the weights to set");
 done:
     free(named);
     free(walked);
-    *result = step;
-    return step != NULL ? SKD_OK : skd_fail_memory(error, "the weights to set");
+    return status;
+}
+
+/* The rows as they are stored, and what they replace. */
+static void fill_weights(const struct skd_session *session, const struct skd_setting *setting,
+                         const uint32_t *rows, struct skd_step *step)
+{
+    size_t slots = (size_t)session->slot_count;
+    for (size_t i = 0; i < step->count; i++) {
+        size_t at = step->vertices[i] * slots, to = i * slots;
+        const uint16_t *joints = joints_of(session, setting, rows[i]);
+        memcpy(step->before + to, session->weights + at, slots * sizeof(float));
+        memcpy(step->after + to, setting->weights + rows[i] * slots, slots * sizeof(float));
+        skd_slots_normalise(session->slot_count, joints, step->after + to);
+        if (step->joints_after == NULL)
+            continue;
+        memcpy(step->joints_before + to, session->joints + at, slots * sizeof(uint16_t));
+        memcpy(step->joints_after + to, joints, slots * sizeof(uint16_t));
+    }
+}
+
+static void fill_rest(const struct skd_session *session, const struct skd_setting *setting,
+                      const uint32_t *rows, struct skd_step *step)
+{
+    for (size_t i = 0; i < step->count; i++) {
+        memcpy(step->rest_before + 3 * i, session->rest + 3 * (size_t)step->vertices[i],
+               3 * sizeof(float));
+        memcpy(step->rest_after + 3 * i, setting->rest + 3 * (size_t)rows[i], 3 * sizeof(float));
+    }
+}
+
+static enum skd_status fill_shape(struct skd_session *session, const struct skd_setting *setting,
+                                  const uint32_t *rows, struct skd_step *step,
+                                  struct skd_error *error)
+{
+    struct skd_sheet *sheet;
+    enum skd_status status = skd_sheets_need(&session->shapes, setting->shape, &sheet, error);
+    if (status != SKD_OK)
+        return status;
+    step->shape =
+        skd_sheet_change_create(&session->shapes, sheet, step->vertices, step->count, error);
+    if (step->shape == NULL)
+        return SKD_NO_MEMORY;
+    for (size_t i = 0; i < step->count; i++)
+        memcpy(step->shape->after + 3 * i, setting->offsets + 3 * (size_t)rows[i],
+               3 * sizeof(float));
+    return SKD_OK;
+}
+
+static enum skd_status fill(struct skd_session *session, const struct skd_setting *setting,
+                            const uint32_t *rows, struct skd_step *step, struct skd_error *error)
+{
+    enum skd_status status = SKD_OK;
+    if (setting->joints != NULL && ((status = skd_step_add_joints(step, error)) != SKD_OK ||
+                                    (status = skd_session_keep_start(session, error)) != SKD_OK))
+        return status;
+    if (setting->rest != NULL && ((status = skd_step_add_rest(step, error)) != SKD_OK ||
+                                  (status = skd_session_own_rest(session, error)) != SKD_OK))
+        return status;
+    fill_weights(session, setting, rows, step);
+    if (setting->rest != NULL)
+        fill_rest(session, setting, rows, step);
+    return setting->shape != NULL ? fill_shape(session, setting, rows, step, error) : SKD_OK;
+}
+
+enum skd_status skd_setting_prepare(struct skd_session *session, const struct skd_setting *setting,
+                                    struct skd_step **result, struct skd_error *error)
+{
+    struct list list = {0};
+    struct skd_step *step = NULL;
+    enum skd_status status = check(session, setting, error);
+    if (status == SKD_OK)
+        status = list_vertices(session, setting, &list, error);
+    if (status == SKD_OK) {
+        step = skd_step_create(list.count, session->slot_count);
+        status = step != NULL ? SKD_OK : skd_fail_memory(error, "the weights to set");
+    }
+    if (status == SKD_OK && list.count > 0) {
+        memcpy(step->vertices, list.vertices, list.count * sizeof *list.vertices);
+        status = fill(session, setting, list.rows, step, error);
+    }
+    free(list.vertices);
+    free(list.rows);
+    if (status == SKD_OK)
+        *result = step;
+    else
+        skd_step_release(step);
+    return status;
 }

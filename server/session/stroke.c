@@ -1,158 +1,149 @@
 /* See stroke.h. */
 #include "session/stroke.h"
 
-#include "session/seams.h"
+#include "session/pose_spread.h"
+#include "session/smoothing.h"
+#include "session/stroke_check.h"
+#include "session/stroke_solve.h"
+#include "session/stroke_targets.h"
 
 #include <float.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 /* A vertex that ends farther than this share of L from its target counts as unreached. */
 static const double REACH_PER_LENGTH = 1e-3;
 
-static enum skd_status check_positions(const struct skd_stroke_input *input,
-                                       struct skd_error *error)
+const char *skd_stroke_warning_name(enum skd_stroke_warning warning)
 {
-    for (size_t i = 0; i < input->count * 3; i++) {
-        if (!isfinite(input->positions[i]))
-            return skd_fail(error, SKD_NOT_FINITE,
-                            "positions[%zu] (vertex %u) is not finite; send the posed position in "
-                            "scene units",
-                            i / 3, (unsigned)input->vertices[i / 3]);
-    }
-    return SKD_OK;
+    static const char *const names[] = {
+#define SKD_WARNING_NAME(name, wire, text) wire,
+        SKD_STROKE_WARNINGS(SKD_WARNING_NAME)
+#undef SKD_WARNING_NAME
+    };
+    return names[warning];
 }
 
-static enum skd_status lock_bones(struct skd_stroke *stroke, struct skd_error *error)
+void skd_stroke_warning_text(enum skd_stroke_warning warning, size_t count, char *text,
+                             size_t text_bytes)
 {
-    const struct skd_stroke_input *input = &stroke->input;
-    const struct skd_skeleton *skeleton = &stroke->session->rig->skeleton;
-    if (input->locked_bone_count == 0)
-        return SKD_OK;
-    stroke->bone_locked = calloc((size_t)skeleton->bone_count, 1);
-    if (stroke->bone_locked == NULL)
-        return skd_fail_memory(error, "the locked bones");
-    for (size_t i = 0; i < input->locked_bone_count; i++) {
-        bool found = false;
-        for (int bone = 0; bone < skeleton->bone_count; bone++) {
-            if (strcmp(skeleton->names[bone], input->locked_bones[i]) == 0)
-                stroke->bone_locked[bone] = 1, found = true;
-        }
-        if (!found)
-            return skd_fail(error, SKD_NO_BONE,
-                            "locked_bones names \"%s\", which is no bone of session \"%s\"",
-                            input->locked_bones[i], stroke->session->name);
+    switch (warning) {
+#define SKD_WARNING_TEXT(name, wire, sentence)                                                     \
+    case SKD_WARNING_##name:                                                                       \
+        (void)snprintf(text, text_bytes, sentence, count);                                         \
+        return;
+        SKD_STROKE_WARNINGS(SKD_WARNING_TEXT)
+#undef SKD_WARNING_TEXT
+    case SKD_WARNING_COUNT:
+        break;
     }
-    return SKD_OK;
+    SKD_ASSERT(!"a warning of skd_stroke_warning");
 }
 
-static enum skd_status lock_vertices(struct skd_stroke *stroke, struct skd_error *error)
+enum skd_status skd_stroke_claim(struct skd_stroke *stroke, struct skd_error *error)
 {
+    struct skd_session *session = stroke->session;
     const struct skd_stroke_input *input = &stroke->input;
-    const struct skd_mesh *mesh = &stroke->session->rig->mesh;
-    if (input->locked_vertex_count == 0)
+    enum skd_status status = SKD_OK;
+    if (stroke->pose == NULL)
         return SKD_OK;
-    enum skd_status status = skd_session_check_vertices(stroke->session, input->locked_vertices,
-                                                        input->locked_vertex_count, error);
+    bool keeps = input->pin != SKD_PIN_NONE && input->options.method != SKD_METHOD_THESIS;
+    if (input->solves_pins)
+        stroke->pins = skd_sheets_find(&session->pins, stroke->pose);
+    else if (keeps)
+        status = skd_sheets_need(&session->pins, stroke->pose, &stroke->pins, error);
     if (status != SKD_OK)
         return status;
-    stroke->vertex_locked = calloc(mesh->vertex_count, 1);
-    if (stroke->vertex_locked == NULL)
-        return skd_fail_memory(error, "the locked vertices");
-    for (size_t i = 0; i < input->locked_vertex_count; i++) {
-        uint32_t first = input->locked_vertices[i], vertex = first;
-        if (stroke->vertex_locked[first])
-            continue; /* and so is its ring, which may be long */
-        do {
-            stroke->vertex_locked[vertex] = 1;
-            vertex = mesh->twins != NULL ? mesh->twins[vertex] : first;
-        } while (vertex != first);
+    if (input->residual == SKD_RESIDUAL_SHAPE)
+        return skd_sheets_need(&session->shapes, stroke->pose, &stroke->shape, error);
+    stroke->shape = skd_sheets_find(&session->shapes, stroke->pose);
+    return SKD_OK;
+}
+
+/* How many targets a vertex of the step has. */
+static int count_targets(const struct skd_stroke *stroke, size_t item)
+{
+    int count = 0;
+    for (int p = 0; p < stroke->pose_count; p++) {
+        const float *strengths = stroke->poses[p].strengths;
+        count += strengths == NULL || strengths[item] > 0.0f;
     }
-    return SKD_OK;
+    return count;
 }
 
-static enum skd_status check_method(const struct skd_stroke *stroke, struct skd_error *error)
+/* What is known of the poses once they are gathered. */
+static enum skd_status weigh_evidence(struct skd_stroke *stroke, struct skd_error *error)
 {
-    const struct skd_stroke_input *input = &stroke->input;
-    if (input->options.method != SKD_METHOD_THESIS)
+    size_t single = 0, count = stroke->step->count;
+    for (size_t i = 0; i < count; i++) {
+        int targets = count_targets(stroke, i);
+        single += targets < 2;
+        stroke->most_poses = targets > stroke->most_poses ? targets : stroke->most_poses;
+    }
+    if (stroke->input.slots == SKD_SLOTS_EVIDENCE && stroke->most_poses > 1)
+        stroke->warnings[SKD_WARNING_POSES_ALIKE] = skd_pose_spread_count_still(stroke);
+    if (stroke->input.residual != SKD_RESIDUAL_REST || count == 0)
         return SKD_OK;
-    if (stroke->session->slot_count != 4)
+    if (single == count)
         return skd_fail(error, SKD_UNSUPPORTED,
-                        "method \"thesis\" is defined for 4 influences and this session has %d; "
-                        "use method \"exact\"",
-                        stroke->session->slot_count);
-    if (input->locked_bone_count > 0 || input->options.constraint != SKD_CONSTRAINT_SIMPLEX)
-        return skd_fail(error, SKD_UNSUPPORTED,
-                        "method \"thesis\" knows neither locked bones nor constraint \"affine\"; "
-                        "use method \"exact\"");
+                        "rest positions cannot be told from one pose, and none of these vertices "
+                        "has a target in another; sculpt them in a second pose, or use residual "
+                        "\"shape\"");
+    stroke->warnings[SKD_WARNING_REST_ONE_POSE] = single;
     return SKD_OK;
 }
 
-/* The step's vertices and targets: the client's, and the twins that go with them. */
-static enum skd_status gather(struct skd_stroke *stroke, struct skd_error *error)
+/* Room for what the solve writes beside weights, and what it reads beside targets. */
+static enum skd_status make_room(struct skd_stroke *stroke, struct skd_error *error)
 {
-    const struct skd_stroke_input *input = &stroke->input;
-    const struct skd_session *session = stroke->session;
-    struct skd_seams seams;
-    enum skd_status status = skd_seams_join(&session->rig->mesh, input->vertices, input->positions,
-                                            input->count, &seams, error);
-    if (status != SKD_OK)
-        return status;
-    stroke->expanded = seams.positions;
-    stroke->targets = seams.positions != NULL ? seams.positions : input->positions;
-    stroke->step = skd_step_create(seams.count, session->slot_count);
-    stroke->residual_before = malloc(seams.count * sizeof(float) + 1);
-    stroke->residual_after = malloc(seams.count * sizeof(float) + 1);
-    if (stroke->step != NULL)
-        memcpy(stroke->step->vertices, seams.vertices != NULL ? seams.vertices : input->vertices,
-               seams.count * sizeof(uint32_t));
-    free(seams.vertices);
-    if (stroke->step == NULL || stroke->residual_before == NULL || stroke->residual_after == NULL)
+    struct skd_session *session = stroke->session;
+    struct skd_step *step = stroke->step;
+    size_t count = step->count;
+    enum skd_status status = SKD_OK;
+    stroke->residual_before = malloc(count * sizeof(float) + 1);
+    stroke->residual_after = malloc(count * sizeof(float) + 1);
+    if (stroke->residual_before == NULL || stroke->residual_after == NULL)
         return skd_fail_memory(error, "the stroke's weights");
-    return SKD_OK;
+    if (stroke->input.slots == SKD_SLOTS_EVIDENCE &&
+        ((status = skd_step_add_joints(step, error)) != SKD_OK ||
+         (status = skd_session_keep_start(session, error)) != SKD_OK))
+        return status;
+    if (stroke->input.residual == SKD_RESIDUAL_REST &&
+        ((status = skd_step_add_rest(step, error)) != SKD_OK ||
+         (status = skd_session_own_rest(session, error)) != SKD_OK))
+        return status;
+    if (stroke->input.residual == SKD_RESIDUAL_REST &&
+        (stroke->doubtful = calloc(count + 1, 1)) == NULL)
+        return skd_fail_memory(error, "the rest positions of the stroke's vertices");
+    if (stroke->shape == NULL || count == 0)
+        return SKD_OK;
+    step->shape =
+        skd_sheet_change_create(&session->shapes, stroke->shape, step->vertices, count, error);
+    return step->shape != NULL ? SKD_OK : SKD_NO_MEMORY;
 }
 
 enum skd_status skd_stroke_prepare(struct skd_stroke *stroke, struct skd_error *error)
 {
     const struct skd_stroke_input *input = &stroke->input;
     enum skd_status status;
-    if ((status = check_method(stroke, error)) != SKD_OK ||
-        (status = skd_session_check_distinct(stroke->session, input->vertices, input->count,
-                                             error)) != SKD_OK ||
-        (status = check_positions(input, error)) != SKD_OK ||
-        (status = lock_bones(stroke, error)) != SKD_OK ||
-        (status = lock_vertices(stroke, error)) != SKD_OK)
-        return status;
     stroke->input.options.length = stroke->session->rig->length;
-    return gather(stroke, error);
-}
-
-void skd_stroke_solve(struct skd_stroke *stroke, size_t first, size_t count)
-{
-    const struct skd_session *session = stroke->session;
-    struct skd_step *step = stroke->step;
-    size_t slots = (size_t)step->slot_count;
-    for (size_t i = first; i < first + count; i++)
-        memcpy(step->before + i * slots, session->weights + step->vertices[i] * slots,
-               slots * sizeof(float));
-    struct skd_solve_batch batch = {
-        .count = count,
-        .slot_count = step->slot_count,
-        .vertices = step->vertices + first,
-        .targets = stroke->targets + 3 * first,
-        .rest = session->rig->mesh.rest,
-        .joints = session->joints,
-        .weights = session->weights,
-        .anchor = session->anchor,
-        .vertex_locked = stroke->vertex_locked,
-        .bone_locked = stroke->bone_locked,
-        .matrices = stroke->pose->matrices,
-        .weights_out = step->after + first * slots,
-        .residual_before = stroke->residual_before + first,
-        .residual_after = stroke->residual_after + first,
-    };
-    skd_solve(&batch, &stroke->input.options);
+    stroke->pass_count =
+        input->frame_count > 0 && input->slots == SKD_SLOTS_EVIDENCE ? input->rounds : 1;
+    if ((status = skd_stroke_check(stroke, error)) != SKD_OK ||
+        (status = skd_stroke_gather(stroke, error)) != SKD_OK ||
+        (status = weigh_evidence(stroke, error)) != SKD_OK ||
+        (status = make_room(stroke, error)) != SKD_OK)
+        return status;
+    if (input->slots == SKD_SLOTS_EVIDENCE &&
+        (status = skd_stroke_find_candidates(stroke, error)) != SKD_OK)
+        return status;
+    if (input->choose_stiffness && (status = skd_stroke_choose_stiffness(stroke, error)) != SKD_OK)
+        return status;
+    if (input->options.smooth > 0.0)
+        return skd_smoothing_create(stroke, error);
+    return SKD_OK;
 }
 
 /* Where numbers near the end of their range were posed or asked for, a distance overflows. It is
@@ -175,24 +166,112 @@ static struct skd_residual summarise(const float *residuals, size_t count)
     return residual;
 }
 
-void skd_stroke_finish(struct skd_stroke *stroke)
+/* Vertices of the step whose rows of a pair differ. */
+static size_t count_changed(size_t count, const void *before, const void *after, size_t row_bytes)
 {
-    size_t count = stroke->step->count;
+    size_t changed = 0;
+    for (size_t i = 0; i < count && after != NULL; i++)
+        changed += memcmp((const char *)before + i * row_bytes, (const char *)after + i * row_bytes,
+                          row_bytes) != 0;
+    return changed;
+}
+
+static size_t count_shaped(const struct skd_step *step)
+{
+    static const float none[SKD_SHAPE_NUMBERS] = {0};
+    size_t shaped = 0;
+    for (size_t i = 0; step->shape != NULL && i < step->count; i++)
+        shaped += memcmp(step->shape->after + SKD_SHAPE_NUMBERS * i, none, sizeof none) != 0;
+    return shaped;
+}
+
+/* Whether the step's vertices are the request's, in their order. */
+static bool follows_request(const struct skd_stroke *stroke)
+{
+    const struct skd_stroke_input *input = &stroke->input;
+    const struct skd_step *step = stroke->step;
+    return input->count == step->count &&
+           (step->count == 0 ||
+            memcmp(input->vertices, step->vertices, step->count * sizeof *step->vertices) == 0);
+}
+
+/* Residuals in the request's order; where pins are solved, by rising vertices. A vertex that the
+ * mask kept out is where it was asked to be. */
+static void tell_in_order(struct skd_stroke *stroke, float *of_vertex)
+{
+    const struct skd_stroke_input *input = &stroke->input;
+    const struct skd_step *step = stroke->step;
+    size_t vertex_count = stroke->session->rig->mesh.vertex_count, told = 0;
+    for (size_t v = 0; v < vertex_count; v++)
+        of_vertex[v] = -1;
+    for (size_t i = 0; i < step->count; i++)
+        of_vertex[step->vertices[i]] = (float)distance_of(stroke->residual_after[i]);
+    for (size_t v = 0; v < vertex_count && input->solves_pins; v++) {
+        if (of_vertex[v] >= 0)
+            stroke->told[told++] = of_vertex[v];
+    }
+    for (size_t i = 0; i < input->count && !input->solves_pins; i++)
+        stroke->told[i] = fmaxf(of_vertex[input->vertices[i]], 0);
+}
+
+static enum skd_status tell_residuals(struct skd_stroke *stroke, struct skd_error *error)
+{
+    const struct skd_stroke_input *input = &stroke->input;
+    size_t count = stroke->told_count = input->solves_pins ? stroke->step->count : input->count;
+    bool direct = follows_request(stroke);
+    float *of_vertex = NULL;
+    stroke->told = malloc(count * sizeof *stroke->told + 1);
+    if (!direct)
+        of_vertex = malloc(stroke->session->rig->mesh.vertex_count * sizeof *of_vertex);
+    if (stroke->told == NULL || (!direct && of_vertex == NULL)) {
+        free(of_vertex);
+        return skd_fail_memory(error, "the residuals");
+    }
+    for (size_t i = 0; i < count && direct; i++)
+        stroke->told[i] = (float)distance_of(stroke->residual_after[i]);
+    if (!direct)
+        tell_in_order(stroke, of_vertex);
+    free(of_vertex);
+    return SKD_OK;
+}
+
+enum skd_status skd_stroke_finish(struct skd_stroke *stroke, struct skd_error *error)
+{
+    const struct skd_step *step = stroke->step;
+    size_t count = step->count, slots = (size_t)step->slot_count;
     stroke->before = summarise(stroke->residual_before, count);
     stroke->after = summarise(stroke->residual_after, count);
     stroke->reach = REACH_PER_LENGTH * stroke->session->rig->length;
     stroke->unreached_count = 0;
     for (size_t i = 0; i < count; i++)
         stroke->unreached_count += distance_of(stroke->residual_after[i]) > stroke->reach;
+    stroke->slots_changed =
+        count_changed(count, step->joints_before, step->joints_after, slots * sizeof(uint16_t));
+    stroke->rest_moved =
+        count_changed(count, step->rest_before, step->rest_after, 3 * sizeof(float));
+    stroke->shaped = count_shaped(step);
+    for (size_t i = 0; i < count && stroke->doubtful != NULL; i++)
+        stroke->warnings[SKD_WARNING_REST_DOUBTFUL] += stroke->doubtful[i] != 0;
+    return stroke->pose != NULL ? tell_residuals(stroke, error) : SKD_OK;
 }
 
 void skd_stroke_dismiss(struct skd_stroke *stroke)
 {
-    free(stroke->expanded);
+    for (int p = 0; p < stroke->pose_count; p++) {
+        free(stroke->poses[p].targets);
+        free(stroke->poses[p].strengths);
+    }
+    free(stroke->poses);
+    free(stroke->asked);
+    free(stroke->shown_before);
     free(stroke->residual_before);
     free(stroke->residual_after);
+    free(stroke->candidates);
+    free(stroke->doubtful);
     free(stroke->bone_locked);
     free(stroke->vertex_locked);
+    free(stroke->told);
+    skd_smoothing_destroy(stroke->smoothing);
     skd_step_release(stroke->step);
     *stroke = (struct skd_stroke){0};
 }

@@ -1,27 +1,54 @@
 /* A stroke on its way through a session: checked, solved in chunks, written.
  *
- *     skd_stroke_prepare   check the arrays, gather what is solved       one worker
- *     skd_stroke_solve     any run of the vertices, in any order         many workers at once
- *     skd_stroke_finish    residuals                                     one worker
- *     skd_session_write    into the session's weights                    the same worker
+ *     skd_stroke_claim       the sheets that it may write to                 the loop
+ *     skd_stroke_prepare     check the arrays, gather what is solved         one worker
+ *     skd_stroke_solve       any run of the vertices, in any order           many workers at once
+ *     skd_stroke_next_pass   what a further pass over them all needs         one worker
+ *     skd_stroke_finish      residuals and counts                            one worker
+ *     skd_session_write      into the session's weights                      the same worker
  *
  * Stage: job -> [pure solve] -> result. Thread: a worker, while the session is lent to the job.
- * Until the write nothing of the session has changed, so a stroke can be dropped at any point.
+ * Until the write nothing of the session has changed that anybody is told of, so a stroke can be
+ * dropped at any point.
+ *
+ * Three requests are strokes: one that brings targets in a pose (stroke.apply), one that solves for
+ * pins as they are (pins.solve: no positions), one that brings targets of all vertices in several
+ * poses (session.refit: frames).
  */
 #ifndef SKD_SESSION_STROKE_H
 #define SKD_SESSION_STROKE_H
 
 #include "session/session.h"
 
+/* The order of each is that of the wire's words. */
+enum skd_pin_mode { SKD_PIN_SET, SKD_PIN_MOVE, SKD_PIN_NONE }; /* see stroke_targets.c */
+enum skd_slots_mode { SKD_SLOTS_KEEP, SKD_SLOTS_EVIDENCE };
+/* What is done about what weights cannot reach: it is told, the rest position moves too, or a
+ * corrective shape for the stroke's pose takes it. */
+enum skd_residual_mode { SKD_RESIDUAL_REPORT, SKD_RESIDUAL_REST, SKD_RESIDUAL_SHAPE };
+
 /* What a client asked for. Arrays and names are borrowed for the stroke's life. */
 struct skd_stroke_input {
     const uint32_t *vertices; /* [count] */
-    const float *positions;   /* [count][3] posed positions wanted */
+    const float *positions;   /* [count][3] posed positions wanted; NULL where pins are solved */
     size_t count;
+    bool solves_pins;    /* the targets are the pins that are there */
+    bool names_vertices; /* of the pins solve those of `vertices` only */
+    const float *mask;   /* [count] 0..1, or NULL */
+    double mix;          /* 0..1: how far from what is shown towards the positions */
     const char *const *locked_bones;
     size_t locked_bone_count;
     const uint32_t *locked_vertices;
     size_t locked_vertex_count;
+    enum skd_pin_mode pin;
+    enum skd_slots_mode slots;
+    enum skd_residual_mode residual;
+    bool choose_stiffness; /* from the data, instead of options.stiffness */
+    /* Refit: poses (held by the job) and all vertices' positions in each. */
+    struct skd_pose *const *frames;
+    size_t frame_count;
+    const float *frame_positions; /* [frame_count][V][3] */
+    int rounds;
     struct skd_solve_options options; /* length is filled from the rig */
 };
 
@@ -30,35 +57,95 @@ struct skd_residual {
     double max;
 };
 
+/* What the user should know about a result; X(name, wire name, sentence with %zu). */
+#define SKD_STROKE_WARNINGS(X)                                                                     \
+    X(REST_ONE_POSE, "rest_one_pose",                                                              \
+      "%zu vertices have a target in one pose only, which says too little to move their rest "     \
+      "positions; sculpt them in another pose too")                                                \
+    X(REST_DOUBTFUL, "rest_doubtful",                                                              \
+      "%zu vertices moved their rest positions on little evidence (two poses, or bones that are "  \
+      "missing); look at them in other poses, or pin a third")                                     \
+    X(POSES_ALIKE, "poses_alike",                                                                  \
+      "the poses hardly move the bones of %zu vertices against each other, so their slots are "    \
+      "a guess; bend the joints more")
+
+enum skd_stroke_warning {
+#define SKD_STROKE_WARNING_ENUM(name, wire, text) SKD_WARNING_##name,
+    SKD_STROKE_WARNINGS(SKD_STROKE_WARNING_ENUM)
+#undef SKD_STROKE_WARNING_ENUM
+        SKD_WARNING_COUNT
+};
+
+/* Targets of a step's vertices in one pose. */
+struct skd_stroke_pose {
+    const double *matrices; /* borrowed */
+    float *targets;         /* [step->count][3] owned */
+    float *strengths;       /* [step->count] owned; NULL: all 1 */
+};
+
+struct skd_smoothing;
+
 struct skd_stroke {
-    const struct skd_session *session; /* borrowed */
-    struct skd_pose *pose;             /* borrowed; the job holds it */
+    struct skd_session *session; /* borrowed */
+    struct skd_pose *pose;       /* borrowed; the job holds it; NULL for a refit */
     struct skd_stroke_input input;
-    struct skd_step *step;  /* vertices, before, after: the result */
-    const float *targets;   /* [step->count][3]; the input's own positions or `expanded` */
-    float *expanded;        /* owned, when twins joined; else NULL */
+    struct skd_sheet *pins;  /* this pose's, or NULL where none are kept */
+    struct skd_sheet *shape; /* this pose's, or NULL where it has none and needs none */
+    struct skd_step *step;   /* vertices, before, after: the result */
+    int pose_count;
+    struct skd_stroke_pose *poses; /* [pose_count] owned; the stroke's own pose first */
+    float *asked;        /* [step->count][3] owned: where the client wants to see vertices; NULL: at
+                            the first pose's targets */
+    float *shown_before; /* [step->count][3] owned, or NULL */
     float *residual_before; /* [step->count] owned */
     float *residual_after;
+    uint16_t *candidates;   /* [step->count][SKD_CANDIDATES_MAX] owned, or NULL */
+    uint8_t *doubtful;      /* [step->count] owned, or NULL: rest positions on little evidence */
     uint8_t *bone_locked;   /* [bones] owned, or NULL */
     uint8_t *vertex_locked; /* [V] owned, or NULL */
+    struct skd_smoothing *smoothing; /* owned, or NULL */
+    int pass;                        /* 0 first */
+    int pass_count;
     /* filled by skd_stroke_finish */
     struct skd_residual before;
     struct skd_residual after;
     size_t unreached_count; /* farther than `reach` from their target */
     double reach;           /* scene units */
+    int most_poses;         /* that one vertex has targets in */
+    size_t slots_changed;   /* vertices */
+    size_t rest_moved;
+    size_t shaped;
+    size_t warnings[SKD_WARNING_COUNT];
+    float *told;       /* [told_count] residuals in the order of the request's vertices, owned */
+    size_t told_count; /* 0 for a refit */
 };
 
+const char *skd_stroke_warning_name(enum skd_stroke_warning warning);
+void skd_stroke_warning_text(enum skd_stroke_warning warning, size_t count, char *text,
+                             size_t text_bytes);
+
+/* Finds or makes the sheets of the stroke's pose (which they hold). Loop thread, at the beginning
+ * of the turn. Errors: SKD_TOO_LARGE (targets in too many poses), SKD_NO_MEMORY. */
+SKD_MUST_CHECK enum skd_status skd_stroke_claim(struct skd_stroke *stroke, struct skd_error *error);
+
 /* Checks the input against the session and makes room for the result. Errors: SKD_COUNT_MISMATCH,
- * SKD_BAD_INDEX (also a vertex named twice), SKD_NOT_FINITE, SKD_NO_BONE, SKD_UNSUPPORTED (the
- * thesis's method with other than 4 slots or with locked bones), SKD_NO_MEMORY. Call
- * skd_stroke_dismiss in any case. */
+ * SKD_BAD_INDEX (also a vertex named twice), SKD_NOT_FINITE, SKD_BAD_PARAMS (a mask beyond 0..1),
+ * SKD_NO_BONE, SKD_UNSUPPORTED (the thesis's method with other than 4 slots or with locked bones;
+ * rest positions where no vertex has targets in two poses), SKD_NO_MEMORY. Call skd_stroke_dismiss
+ * in any case. */
 SKD_MUST_CHECK enum skd_status skd_stroke_prepare(struct skd_stroke *stroke,
                                                   struct skd_error *error);
 
 /* Solves vertices [first, first + count) of the step. */
 void skd_stroke_solve(struct skd_stroke *stroke, size_t first, size_t count);
 
-void skd_stroke_finish(struct skd_stroke *stroke);
+/* After all vertices were solved: goes to the next of pass_count passes. Errors: SKD_NO_MEMORY. */
+SKD_MUST_CHECK enum skd_status skd_stroke_next_pass(struct skd_stroke *stroke,
+                                                    struct skd_error *error);
+
+/* Errors: SKD_NO_MEMORY. */
+SKD_MUST_CHECK enum skd_status skd_stroke_finish(struct skd_stroke *stroke,
+                                                 struct skd_error *error);
 
 /* Frees what the stroke owns but for the step, which it lets go of (loop thread: the step's
  * references are counted there). */

@@ -7,8 +7,9 @@
 
 #include "solver/row.h"
 
-/* Solves one vertex of the batch and writes its outputs. */
+/* Solves the batch and writes all its outputs; with `closed_only` only the vertices that have a
+ * locked or empty slot, leaving the others' outputs alone. */
 void skd_active_set_solve(const struct skd_solve_batch *batch, const struct skd_plan *plan,
-                          size_t item);
+                          bool closed_only);
 
 #endif

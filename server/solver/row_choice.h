@@ -5,7 +5,7 @@
 #ifndef SKD_SOLVER_ROW_CHOICE_H
 #define SKD_SOLVER_ROW_CHOICE_H
 
-#include "solver/row.h"
+#include "solver/row_extra.h"
 
 /* x rounded to float32's 24 bits, in float64 (Veltkamp's splitting): a conversion there and back
  * would halve the width of the loops that this is used in. */
@@ -66,7 +66,7 @@ SKD_ROW double row_is_valid(int n, const double *w, double affine)
     return signs >= 0.0 ? summed : 0.0;
 }
 
-/* 1 if the anchor is a row that this stroke may go back to: the same in every closed slot. */
+/* 1 if the anchor agrees with the row in every closed slot: then the stroke may go back to it. */
 SKD_ROW double row_is_return(int n, const double *open, const double *anchor, const double *before)
 {
     double apart = 0.0;
@@ -79,14 +79,17 @@ SKD_ROW double row_is_return(int n, const double *open, const double *anchor, co
 struct skd_scene {
     double base[3];   /* d_0 */
     double target[3]; /* t */
+    double strength;  /* omega */
     double size;      /* what the rounding errors of d_i and t are proportional to */
     double ridge;
+    const double *centre;
+    const struct skd_extra *extra; /* NULL: no further terms */
 };
 
 SKD_ROW struct skd_scene row_scene(int n, double e[][3], const double base[3],
-                                   const double target[3], double rest_size, double ridge)
+                                   const double target[3], double rest_size)
 {
-    struct skd_scene scene = {.size = rest_size, .ridge = ridge};
+    struct skd_scene scene = {.size = rest_size, .strength = 1.0};
     for (int axis = 0; axis < 3; axis++) {
         scene.base[axis] = base[axis];
         scene.target[axis] = target[axis];
@@ -119,19 +122,19 @@ struct skd_gain {
 /* How much `after` gains on `before`, from differences: two rows that differ little are told apart
  * far below the rounding error of their energies. `r` is before's residual. */
 SKD_ROW struct skd_gain row_gain(int n, double e[][3], const struct skd_scene *scene,
-                                 const double *anchor, const double *before, const double r[3],
-                                 const double *after)
+                                 const double *before, const double r[3], const double *after)
 {
     double sum = 0.0, moved = 0.0, drawn = 0.0;
     double step[3] = {0.0, 0.0, 0.0};
+    double z[SKD_SLOT_COUNT_MAX];
     for (int i = 0; i < n; i++) {
-        const double z = before[i] - after[i];
-        sum += z;
-        moved += fabs(z);
-        drawn += z * ((before[i] - anchor[i]) + (after[i] - anchor[i]));
-        step[0] += z * e[i][0];
-        step[1] += z * e[i][1];
-        step[2] += z * e[i][2];
+        z[i] = before[i] - after[i];
+        sum += z[i];
+        moved += fabs(z[i]);
+        drawn += z[i] * ((before[i] - scene->centre[i]) + (after[i] - scene->centre[i]));
+        step[0] += z[i] * e[i][0];
+        step[1] += z[i] * e[i][1];
+        step[2] += z[i] * e[i][2];
     }
     double distance = 0.0, reach = 0.0, length = 0.0;
     for (int axis = 0; axis < 3; axis++) {
@@ -143,9 +146,14 @@ SKD_ROW struct skd_gain row_gain(int n, double e[][3], const struct skd_scene *s
     }
     struct skd_gain gain;
     gain.distance = distance;
-    gain.energy = distance + scene->ridge * drawn;
-    gain.noise =
-        0x1p-46 * (scene->size * (moved * reach + length) + scene->ridge * moved); /* 64 ulp */
+    gain.energy = scene->strength * distance + scene->ridge * drawn;
+    gain.noise = scene->strength * (scene->size * (moved * reach + length)) + scene->ridge * moved;
+    if (scene->extra) {
+        double noise;
+        gain.energy += extra_gain(n, scene->extra, z, &noise);
+        gain.noise += noise;
+    }
+    gain.noise *= 0x1p-46; /* 64 ulp */
     return gain;
 }
 
@@ -158,8 +166,8 @@ SKD_ROW void row_choose(int n, double e[][3], const struct skd_scene *scene, con
 {
     double r[3], after[3];
     row_residual(n, e, scene, before, r);
-    const struct skd_gain back = row_gain(n, e, scene, anchor, before, r, anchor);
-    const struct skd_gain there = row_gain(n, e, scene, anchor, before, r, solution);
+    const struct skd_gain back = row_gain(n, e, scene, before, r, anchor);
+    const struct skd_gain there = row_gain(n, e, scene, before, r, solution);
     const double back_least = back.energy - back.noise;
     const double use_anchor = back_least > 0.0 ? anchor_ok : 0.0;
     const double best = use_anchor > 0.0 ? back.energy + back.noise : 0.0;

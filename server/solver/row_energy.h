@@ -7,19 +7,6 @@
 
 #include "solver/row.h"
 
-/* Put before the nested loops, which need help to unroll; a file with a constant n defines it. */
-#ifndef SKD_ROW_UNROLL
-#define SKD_ROW_UNROLL
-#endif
-
-enum { SKD_PAIR_COUNT_MAX = SKD_SLOT_COUNT_MAX * (SKD_SLOT_COUNT_MAX - 1) / 2 };
-
-/* Pair i < j of n slots counted as (0,1), (0,2), ... (1,2), ... */
-SKD_ROW int row_pair(int n, int i, int j)
-{
-    return i * (2 * n - i - 1) / 2 + (j - i - 1);
-}
-
 /* What the open slots share of the plane, and what they should reach. */
 SKD_ROW double row_goal(int n, double e[][3], const double base[3], const double target[3],
                         double plane, const double *open, const double *before, double goal[3])
@@ -38,21 +25,22 @@ SKD_ROW double row_goal(int n, double e[][3], const double base[3], const double
     return left > 0.0 ? left : 0.0;
 }
 
-/* The stroke's part of the energy, up to a constant, as corner and pair numbers:
+/* The energy of the pose (omega: its strength) and of the ridge, up to a constant, as corner and
+ * pair numbers:
  *
  *     f(w) = sum_i w_i F_i - sum_{i<j} w_i w_j L_ij     for sum of open w = mass
- *     F_i  = mass |e_i|^2 - 2 goal.e_i - 2 rho o_i
- *     L_ij = |e_i - e_j|^2 + 2 rho
+ *     F_i  = omega (mass |e_i|^2 - 2 goal.e_i) - 2 rho o_i     (o: the centre)
+ *     L_ij = omega |e_i - e_j|^2 + 2 rho
  *
- * (ten numbers for four slots). Any other quadratic is one more term in each. */
-SKD_ROW void row_assemble(int n, double e[][3], const double goal[3], double mass, double ridge,
-                          const double *anchor, double *corners, double *pairs)
+ * (ten numbers for four slots). Any other quadratic is one more term in each: row_extra.h. */
+SKD_ROW void row_assemble(int n, double e[][3], const double goal[3], double mass, double strength,
+                          double ridge, const double *centre, double *corners, double *pairs)
 {
     SKD_ROW_UNROLL
     for (int i = 0; i < n; i++) {
         const double square = e[i][0] * e[i][0] + e[i][1] * e[i][1] + e[i][2] * e[i][2];
         const double along = goal[0] * e[i][0] + goal[1] * e[i][1] + goal[2] * e[i][2];
-        corners[i] = mass * square - 2.0 * (along + ridge * anchor[i]);
+        corners[i] = strength * (mass * square) - 2.0 * (strength * along + ridge * centre[i]);
     }
     SKD_ROW_UNROLL
     for (int i = 0; i < n; i++) {
@@ -61,7 +49,7 @@ SKD_ROW void row_assemble(int n, double e[][3], const double goal[3], double mas
             const double x = e[i][0] - e[j][0];
             const double y = e[i][1] - e[j][1];
             const double z = e[i][2] - e[j][2];
-            pairs[row_pair(n, i, j)] = x * x + y * y + z * z + 2.0 * ridge;
+            pairs[row_pair(n, i, j)] = strength * (x * x + y * y + z * z) + 2.0 * ridge;
         }
     }
 }

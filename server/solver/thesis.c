@@ -121,7 +121,7 @@ void skd_thesis_solve(const struct skd_solve_batch *batch, const struct skd_solv
     double e[SKD_SLOT_COUNT_MAX][3], w[4], r[2][3];
     row_gather(4, batch, item, &row);
     const double rest_size = row_edges(4, &row, e);
-    const struct skd_scene scene = row_scene(4, e, row.carried[0], row.target, rest_size, 0.0);
+    const struct skd_scene scene = row_scene(4, e, row.carried[0], row.target, rest_size);
     const bool solved = !row.locked && row.open_count == 4 &&
                         solve_row(&row, options->thesis_k, options->thesis_h, w);
     if (solved)

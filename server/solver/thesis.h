@@ -7,7 +7,7 @@
 
 #include "solver/row.h"
 
-/* Solves one vertex of a batch of four slots and writes its outputs. */
+/* Solves one vertex of a batch of four slots, in its first pose, and writes its outputs. */
 void skd_thesis_solve(const struct skd_solve_batch *batch, const struct skd_solve_options *options,
                       size_t item);
 

@@ -24,7 +24,7 @@ ASSETS = ROOT.parent / "shared" / "assets"
 BIN = Path(os.environ.get("SKIND_BUILD", ROOT / "build" / "release")) / "bin"
 QUICK = bool(os.environ.get("SKIND_QUICK"))
 COMMANDS = ("start stop status load list info pose stroke weights watch undo redo export replay "
-            "generate call script").split()
+            "generate call script pins guard shapes refit").split()
 VERTICES = 4000
 
 
@@ -224,6 +224,31 @@ def test_help_names_every_command(cli: Cli) -> None:
     ["stroke", "p", "--vertex", "1=0,0"], ["stroke", "p", "--vertex", "1=0,0,0", "--method", "x"],
     ["stroke", "p", "--vertex", "1=0,0,0", "--constraint", "x"],
     ["stroke", "p", "--vertex", "1=0,0,0", "--stiffness", "11"],
+    ["stroke", "p", "--vertex", "1=0,0,0", "--pin", "x"],
+    ["stroke", "p", "--vertex", "1=0,0,0", "--slots", "x"],
+    ["stroke", "p", "--vertex", "1=0,0,0", "--residual", "x"],
+    ["stroke", "p", "--vertex", "1=0,0,0", "--guard", "-1"],
+    ["stroke", "p", "--vertex", "1=0,0,0", "--smooth", "11"],
+    ["stroke", "p", "--vertex", "1=0,0,0", "--mix", "2"],
+    ["pins"], ["pins", "frobnicate"], ["pins", "weigh", "p"], ["pins", "weigh", "p", "x"],
+    ["pins", "weigh", "p", "1001"], ["pins", "solve"], ["pins", "list", "p", "q"],
+    ["pins", "list", "--vertices", "1"], ["pins", "list", "--slots", "keep"],
+    ["pins", "solve", "p", "--smooth", "-1"], ["guard", "p"], ["guard", "--count", "4"],
+    ["guard", "--clip", "c", "--count", "65"], ["guard", "--clip", "c", "--clear"],
+    ["weights", "frobnicate"], ["weights", "mirror", "--below", "0.1"],
+    ["weights", "mirror", "--axis", "w"], ["weights", "mirror", "--from", "left"],
+    ["weights", "--axis", "x"], ["weights", "prune", "--below", "2"],
+    ["weights", "prune", "--raw", "f"], ["weights", "reduce"],
+    ["weights", "reduce", "--influences", "9"],
+    ["weights", "reduce", "--influences", "2", "--by", "x"],
+    ["refit", "--clip", "c"], ["refit", "a.glb", "--positions", "p"],
+    ["refit", "a.glb", "--clip", "c", "--positions", "p", "--fps", "0"],
+    ["refit", "a.glb", "--clip", "c", "--positions", "p", "--fps", "5", "--times", "1"],
+    ["refit", "a.glb", "--clip", "c", "--positions", "p", "--times", "1,x"],
+    ["refit", "a.glb", "--clip", "c", "--positions", "p", "--step", "0"],
+    ["refit", "a.glb", "--clip", "c", "--positions", "p", "--rounds", "17"],
+    ["refit", "a.glb", "--clip", "c", "--positions", "p", "--session", "s"],
+    ["refit", "--clip", "c", "--positions", "p", "--influences", "8"],
     ["weights", "--vertices", "5-3"], ["watch", "--count", "-1"], ["script", "--strokes", "0"],
     ["replay", "s", "--method", "x"], ["generate", "--vertices", "10", "x.glb"],
     ["generate", "--bones", "3", "x.glb"], ["call", "ping", "{"], ["call", "ping", "[]"],
@@ -721,7 +746,7 @@ def on_terminal(cli: Cli, *arguments: object) -> str:
 
 
 def test_progress_is_for_terminals(cli: Cli) -> None:
-    arguments = ["generate", "--vertices", 1000000 if QUICK else 4000000, "large.glb"]  # > 0.3 s
+    arguments = ["generate", "--vertices", 2000000 if QUICK else 4000000, "large.glb"]  # > 0.3 s
     shown = on_terminal(cli, *arguments)
     assert "generating" in shown and " %" in shown and shown.endswith("\r\x1b[K")
     assert "generating" not in on_terminal(cli, "-q", *arguments)

@@ -110,11 +110,27 @@ def load(path: Path, scratch: Path) -> Rig:
     return Rig(summary, arrays)
 
 
-def export(path: Path, target: Path, joints: np.ndarray, weights: np.ndarray, scratch: Path) -> dict:
-    """Exports a file with new weights; the report."""
+Shape = tuple[str, np.ndarray, np.ndarray]  # name, vertices [n], offsets [n][3]
+
+
+def export(
+    path: Path, target: Path, joints: np.ndarray, weights: np.ndarray, scratch: Path,
+    rest: np.ndarray | None = None, shapes: list[Shape] = [],
+) -> dict:  # fmt: skip
+    """Exports a file with new weights, rest positions and corrective shapes; the report."""
     joints.astype("<u2").tofile(scratch / "joints.raw")
     weights.astype("<f4").tofile(scratch / "weights.raw")
-    return probe("export", path, target, joints.shape[1], scratch / "joints.raw", scratch / "weights.raw")
+    more: list[object] = []
+    if rest is not None:
+        rest.astype("<f4").tofile(scratch / "rest.raw")
+    if rest is not None or shapes:
+        more = ["-" if rest is None else scratch / "rest.raw"]
+    for index, (name, vertices, offsets) in enumerate(shapes):
+        more += [name, scratch / f"vertices{index}.raw", scratch / f"offsets{index}.raw"]
+        np.asarray(vertices).astype("<u4").tofile(more[-2])
+        np.asarray(offsets).astype("<f4").tofile(more[-1])
+    raw = [scratch / "joints.raw", scratch / "weights.raw"]
+    return probe("export", path, target, joints.shape[1], *raw, *more)
 
 
 def export_after(

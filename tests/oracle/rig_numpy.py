@@ -41,7 +41,7 @@ def _local(node: dict) -> np.ndarray:
     return matrix
 
 
-def _globals(gltf: Gltf, clip: int | None, time: float) -> np.ndarray:
+def node_matrices(gltf: Gltf, clip: int | None, time: float) -> np.ndarray:
     nodes = [dict(node) for node in gltf.json["nodes"]]
     if clip is not None:
         animation = gltf.json["animations"][clip]
@@ -73,10 +73,13 @@ def _weights(gltf: Gltf, attributes: dict, root: int) -> tuple[np.ndarray, np.nd
     return joints, weights / weights.sum(axis=1, keepdims=True)
 
 
-def posed(path: Path, parts: list[dict], roots: list[int], clip: int | None, time: float) -> np.ndarray:
-    """Positions [V][3] of the parts that rig_probe lists; roots[skin] is a joint number."""
+def posed(
+    path: Path, parts: list[dict], roots: list[int], clip: int | None, time: float, moved: np.ndarray | None = None
+) -> np.ndarray:
+    """Positions [V][3] of the parts that rig_probe lists; roots[skin] is a joint number; moved [V][3]
+    stands for the file's rest positions."""
     gltf = Gltf.read(path)
-    nodes = _globals(gltf, clip, time)
+    nodes = node_matrices(gltf, clip, time)
     result = []
     for part in parts:
         skin = gltf.json["skins"][part["skin"]]
@@ -89,6 +92,8 @@ def posed(path: Path, parts: list[dict], roots: list[int], clip: int | None, tim
         primitive = gltf.json["meshes"][part["mesh"]]["primitives"][part["primitive"]]
         attributes = primitive["attributes"]
         rest = gltf.floats(attributes["POSITION"])
+        if moved is not None:
+            rest = moved[part["first"] : part["first"] + part["count"]].astype(np.float64)
         which, weights = _weights(gltf, attributes, roots[part["skin"]])
         carried = np.einsum("vkij,vj->vki", matrices[which], np.c_[rest, np.ones(len(rest))])
         result.append(np.einsum("vk,vki->vi", weights, carried))

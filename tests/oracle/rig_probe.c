@@ -2,7 +2,9 @@
  *
  *   rig_probe load FILE [ARRAYS]                     summary; ARRAYS gets rest, joints, ...
  *   rig_probe pose FILE OUT (CLIP TIME)...           posed positions, float32 [poses][V][3]
- *   rig_probe export FILE TARGET N JOINTS WEIGHTS    raw uint16 and float32 [V][N] files
+ *   rig_probe export FILE TARGET N JOINTS WEIGHTS [REST|- [NAME VERTICES OFFSETS]...]
+ *                                                    raw uint16 and float32 [V][N] files; float32
+ *                                                    [V][3]; uint32 [n] and float32 [n][3] a shape
  *   rig_probe hold FILE TARGET N JOINTS WEIGHTS      the same, after a line on stdin
  *   rig_probe time FILE TIMES                        milliseconds of each load
  *   rig_probe check FILE...                          status and text of each, one object a line
@@ -63,6 +65,10 @@ static const char *status_name(enum skd_status status)
         return "too_large";
     case SKD_SOURCE_CHANGED:
         return "source_changed";
+    case SKD_BAD_INDEX:
+        return "bad_index";
+    case SKD_NOT_FINITE:
+        return "not_finite";
     default:
         return "other";
     }
@@ -230,25 +236,72 @@ static void read_raw(const char *path, void *to, size_t bytes)
     fclose(file);
 }
 
-static void command_export(const struct loaded *loaded, char **arguments)
+/* A whole file; *bytes is its size. */
+static void *read_whole(const char *path, size_t *bytes)
+{
+    FILE *file = fopen(path, "rb");
+    if (file == NULL || fseek(file, 0, SEEK_END) != 0)
+        die(path);
+    *bytes = (size_t)ftell(file);
+    fclose(file);
+    void *memory = allocate(*bytes, 1);
+    read_raw(path, memory, *bytes);
+    return memory;
+}
+
+/* NAME VERTICES OFFSETS, again and again. */
+static struct skd_export_shape *read_shapes(size_t count, char **arguments)
+{
+    struct skd_export_shape *shapes = allocate(count, sizeof *shapes);
+    for (size_t s = 0; s < count; s++) {
+        size_t bytes = 0;
+        shapes[s].name = arguments[3 * s];
+        shapes[s].vertices = read_whole(arguments[3 * s + 1], &bytes);
+        shapes[s].count = bytes / sizeof *shapes[s].vertices;
+        shapes[s].offsets = read_whole(arguments[3 * s + 2], &bytes);
+    }
+    return shapes;
+}
+
+static void command_export(const struct loaded *loaded, int count, char **arguments)
 {
     const size_t vertices = loaded->rig->mesh.vertex_count, slots = (size_t)atoi(arguments[1]);
     uint16_t *joints = allocate(vertices * slots, sizeof *joints);
     float *weights = allocate(vertices * slots, sizeof *weights);
+    float *rest = allocate(vertices * 3, sizeof *rest);
+    const size_t shape_count = count > 5 ? (size_t)(count - 5) / 3 : 0;
+    struct skd_export_shape *shapes = read_shapes(shape_count, arguments + 5);
+    const bool has_rest = count > 4 && strcmp(arguments[4], "-") != 0;
     struct skd_gltf_export_report report;
     struct skd_error error = {0};
     read_raw(arguments[2], joints, vertices * slots * sizeof *joints);
     read_raw(arguments[3], weights, vertices * slots * sizeof *weights);
+    if (has_rest)
+        read_raw(arguments[4], rest, vertices * 3 * sizeof *rest);
+    const struct skd_gltf_content content = {.slot_count = (int)slots,
+                                             .joints = joints,
+                                             .weights = weights,
+                                             .rest = has_rest ? rest : NULL,
+                                             .shape_count = shape_count,
+                                             .shapes = shapes};
     const enum skd_status status =
-        skd_gltf_export(loaded->rig, (int)slots, joints, weights, arguments[0], &report, &error);
+        skd_gltf_export(loaded->rig, &content, arguments[0], &report, &error);
+    for (size_t s = 0; s < shape_count; s++) {
+        free((void *)shapes[s].vertices);
+        free((void *)shapes[s].offsets);
+    }
+    free(shapes);
     free(joints);
     free(weights);
+    free(rest);
     if (has_failed(status, &error))
         return;
     cJSON *json = cJSON_CreateObject();
     cJSON_AddStringToObject(json, "status", "ok");
     cJSON_AddNumberToObject(json, "bytes", (double)report.bytes);
     cJSON_AddNumberToObject(json, "accessors", (double)report.accessors);
+    cJSON_AddNumberToObject(json, "positions", (double)report.positions);
+    cJSON_AddNumberToObject(json, "targets", (double)report.targets);
     cJSON_AddNumberToObject(json, "largest_rounding", report.largest_rounding);
     print_json(json);
 }
@@ -260,7 +313,7 @@ static void command_hold(const struct loaded *loaded, char **arguments)
     puts("{\"status\":\"loaded\"}");
     fflush(stdout);
     if (fgets(line, sizeof line, stdin) != NULL)
-        command_export(loaded, arguments);
+        command_export(loaded, 4, arguments);
 }
 
 static double now_ms(void)
@@ -323,8 +376,8 @@ int main(int count, char **arguments)
         command_load(&loaded, count - 3, arguments + 3);
     else if (strcmp(command, "pose") == 0 && count >= 4)
         command_pose(&loaded, count - 3, arguments + 3);
-    else if (strcmp(command, "export") == 0 && count == 7)
-        command_export(&loaded, arguments + 3);
+    else if (strcmp(command, "export") == 0 && count >= 7)
+        command_export(&loaded, count - 3, arguments + 3);
     else if (strcmp(command, "hold") == 0 && count == 7)
         command_hold(&loaded, arguments + 3);
     else

@@ -1,8 +1,10 @@
 // Posed positions of skinned glTF files by three.js: GLTFLoader, AnimationMixer, SkinnedMesh.
 //
 // node rig_three.mjs NODE_MODULES < jobs.json
-// jobs: [{file, out, poses: [[clip, seconds]], parts: [[mesh, primitive]]}]; each `out` gets
-// float64 [poses][vertices of all parts][3] in scene space. Prints [{vertices}] or [{error}].
+// jobs: [{file, out, poses: [[clip, seconds]], parts: [[mesh, primitive]], morphs}]; each `out` gets
+// float64 [poses][vertices of all parts][3] in scene space. Without `morphs` no morph target counts;
+// with it they do, as the file and its clip say but for those that it names: {name: weight}.
+// Prints [{vertices, targets}] (names by part) or [{error}].
 import { readFileSync, writeFileSync } from 'node:fs';
 import path from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -108,6 +110,14 @@ function pose(gltf, [clip, seconds]) {
     return () => mixer.stopAllAction();
 }
 
+// How strong each target is by name; three.js finds a name in the dictionary it made of targetNames.
+function setInfluences(object, morphs) {
+    for (const [name, weight] of Object.entries(morphs)) {
+        const index = object.morphTargetDictionary?.[name];
+        if (index !== undefined) object.morphTargetInfluences[index] = weight;
+    }
+}
+
 async function run(job) {
     const gltf = await new GLTFLoader().parseAsync(repack(job.file), '');
     const objects = findObjects(gltf, job.parts);
@@ -120,8 +130,10 @@ async function run(job) {
         for (const object of objects) {
             object.bindMatrixInverse.identity(); // scene space, not the mesh node's
             const positions = object.geometry.attributes.position;
+            if (job.morphs) setInfluences(object, job.morphs);
             for (let v = 0; v < positions.count; v++) {
-                object.applyBoneTransform(v, point.fromBufferAttribute(positions, v));
+                if (job.morphs) object.getVertexPosition(v, point);
+                else object.applyBoneTransform(v, point.fromBufferAttribute(positions, v));
                 out[at++] = point.x;
                 out[at++] = point.y;
                 out[at++] = point.z;
@@ -130,7 +142,7 @@ async function run(job) {
         undo();
     }
     writeFileSync(job.out, out);
-    return { vertices: count };
+    return { vertices: count, targets: objects.map((object) => Object.keys(object.morphTargetDictionary ?? {})) };
 }
 
 const answers = [];

@@ -202,12 +202,12 @@ def empty_slots(rng: Rng, count: int, slots: int) -> Batch:
     gone = rng.random((count, slots)) < 0.4
     gone[np.arange(count), rng.integers(slots, size=count)] = False
     batch.joints[gone] = EMPTY
-    batch.weights = _without(batch.weights, gone)
-    batch.anchor = _without(batch.anchor, gone)
+    batch.weights = without(batch.weights, gone)
+    batch.anchor = without(batch.anchor, gone)
     return batch
 
 
-def _without(weights: np.ndarray, gone: np.ndarray) -> np.ndarray:
+def without(weights: np.ndarray, gone: np.ndarray) -> np.ndarray:
     weights = np.where(gone, 0, weights.astype(float))
     bare = weights.sum(1) == 0
     weights[bare, gone[bare].argmin(1)] = 1
@@ -233,7 +233,7 @@ def no_free_mass(rng: Rng, count: int, slots: int) -> Batch:
     batch.bone_locked = (np.arange(BONES) % 2).astype(np.uint8)
     open_ones = batch.joints % 2 == 0
     open_ones[open_ones.all(1)] = False
-    batch.weights = _without(batch.weights, open_ones)
+    batch.weights = without(batch.weights, open_ones)
     batch.anchor = batch.weights
     return batch
 

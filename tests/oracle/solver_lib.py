@@ -32,17 +32,29 @@ class _Options(ctypes.Structure):
         ("simd", ctypes.c_int),
         ("stiffness", ctypes.c_double),
         ("length", ctypes.c_double),
+        ("guard", ctypes.c_double),
+        ("smooth", ctypes.c_double),
         ("thesis_k", ctypes.c_double),
         ("thesis_h", ctypes.c_double),
     ]
 
 
+class _Pose(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in ("matrices", "targets", "strengths")]
+
+
 class _Batch(ctypes.Structure):
-    _fields_ = [("count", ctypes.c_size_t), ("slot_count", ctypes.c_int)] + [
+    _fields_ = [
+        ("count", ctypes.c_size_t),
+        ("slot_count", ctypes.c_int),
+        ("vertices", ctypes.c_void_p),
+        ("pose_count", ctypes.c_int),
+    ] + [
         (name, ctypes.c_void_p)
         for name in (
-            "vertices", "targets", "rest", "joints", "weights", "anchor", "vertex_locked",
-            "bone_locked", "matrices", "weights_out", "residual_before", "residual_after",
+            "poses", "rest", "joints", "weights", "anchor", "vertex_locked", "bone_locked",
+            "start_joints", "start_weights", "guard", "pulls", "weights_out", "residual_before",
+            "residual_after", "leftover_out",
         )
     ]  # fmt: skip
 
@@ -77,6 +89,8 @@ def _load() -> ctypes.CDLL:
     lib = ctypes.CDLL(str(solver_build.LIBRARY))
     lib.skd_solve_defaults.restype = _Options
     lib.skd_slots_scratch_bytes.restype = ctypes.c_size_t
+    lib.skd_guard_bytes.restype = ctypes.c_size_t
+    lib.skd_stiffness_choose.restype = ctypes.c_double
     return lib
 
 
@@ -88,8 +102,30 @@ def _pointer(array: np.ndarray | None) -> int | None:
 
 
 @dataclass
+class Pose:
+    """A further pose with targets."""
+
+    matrices: np.ndarray  # [B, 3, 4] float64
+    targets: np.ndarray  # [count, 3] float32
+    strengths: np.ndarray | None = None  # [count] float32, all 1 if None
+
+    def __post_init__(self) -> None:
+        self.matrices = np.ascontiguousarray(self.matrices, np.float64).reshape(-1, 3, 4)
+        self.targets = np.ascontiguousarray(self.targets, np.float32)
+        if self.strengths is not None:
+            self.strengths = np.ascontiguousarray(self.strengths, np.float32)
+
+    def part(self, chosen: np.ndarray) -> "Pose":
+        strengths = None if self.strengths is None else self.strengths[chosen]
+        return Pose(self.matrices, self.targets[chosen], strengths)
+
+
+@dataclass
 class Batch:
-    """A batch of vertices; arrays as struct skd_solve_batch has them, checked for type."""
+    """A batch of vertices; arrays as struct skd_solve_batch has them, checked for type.
+
+    matrices, targets and strengths are the first pose's, `more` are the others.
+    """
 
     rest: np.ndarray  # [V, 3] float32
     joints: np.ndarray  # [V, N] uint16
@@ -100,6 +136,12 @@ class Batch:
     vertices: np.ndarray | None = None  # [count], all if None
     vertex_locked: np.ndarray | None = None
     bone_locked: np.ndarray | None = None
+    strengths: np.ndarray | None = None  # [count], all 1 if None
+    more: list[Pose] = field(default_factory=list)
+    guard: np.ndarray | None = None  # [Q, B, 3, 4] the poses to keep
+    pulls: np.ndarray | None = None  # [count, N]
+    start_joints: np.ndarray | None = None  # [V, N], joints and anchor if None
+    start_weights: np.ndarray | None = None
     length: float = 1.0
     name: str = field(default="", compare=False)
 
@@ -118,6 +160,13 @@ class Batch:
         for name in ("vertex_locked", "bone_locked"):
             if getattr(self, name) is not None:
                 setattr(self, name, np.ascontiguousarray(getattr(self, name), np.uint8))
+        for name in ("strengths", "pulls", "start_weights"):
+            if getattr(self, name) is not None:
+                setattr(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
+        if self.start_joints is not None:
+            self.start_joints = np.ascontiguousarray(self.start_joints, np.uint16)
+        if self.guard is not None:
+            self.guard = np.ascontiguousarray(self.guard, np.float64)
 
     @property
     def slots(self) -> int:
@@ -125,14 +174,28 @@ class Batch:
 
     def part(self, chosen: np.ndarray) -> "Batch":
         """The same session with only some items of the batch."""
-        return replace(self, vertices=self.vertices[chosen], targets=self.targets[chosen])
+        return replace(
+            self,
+            vertices=self.vertices[chosen],
+            targets=self.targets[chosen],
+            strengths=None if self.strengths is None else self.strengths[chosen],
+            pulls=None if self.pulls is None else self.pulls[chosen],
+            more=[pose.part(chosen) for pose in self.more],
+        )
+
+    def poses(self) -> list[Pose]:
+        return [Pose(self.matrices, self.targets, self.strengths), *self.more]
 
     def carried(self, dtype: type = np.longdouble) -> np.ndarray:
         """d_i of every item and slot, [count, N, 3]; an empty slot's is not to be used."""
+        return self.carried_by(self.matrices, self.joints, dtype)
+
+    def carried_by(self, matrices: np.ndarray, joints: np.ndarray, dtype: type) -> np.ndarray:
+        """The same for any pose's matrices and any [V, N] joints."""
         rest = self.rest[self.vertices].astype(dtype)
-        joints = self.joints[self.vertices].astype(int)
-        matrices = self.matrices.astype(dtype)[np.where(joints == EMPTY, 0, joints)]
-        return (matrices[..., :3] * rest[:, None, None, :]).sum(-1) + matrices[..., 3]
+        joints = joints[self.vertices].astype(int)
+        rows = matrices.astype(dtype)[np.where(joints == EMPTY, 0, joints)]
+        return (rows[..., :3] * rest[:, None, None, :]).sum(-1) + rows[..., 3]
 
     def open(self) -> np.ndarray:
         """Which slots of each item may change, [count, N] bool."""
@@ -145,34 +208,79 @@ class Batch:
         return free
 
 
+class Guard:
+    """struct skd_guard, built from [Q, B, 3, 4] poses."""
+
+    def __init__(self, poses: np.ndarray) -> None:
+        count, bones = poses.shape[:2]
+        self.memory = np.full(_lib.skd_guard_bytes(ctypes.c_int(bones)) // 8, np.nan)
+        matrices = [np.ascontiguousarray(pose, np.float64) for pose in poses]
+        _lib.skd_guard_build(
+            ctypes.c_int(bones), ctypes.c_int(count),
+            (ctypes.c_void_p * count)(*(_pointer(m) for m in matrices)),
+            ctypes.c_void_p(_pointer(self.memory)),
+        )  # fmt: skip
+        self.bones = bones
+
+    def factor(self, i: int, j: int) -> np.ndarray:
+        """U_ij of bones i < j, [4, 4]."""
+        pair = i * (2 * self.bones - i - 1) // 2 + (j - i - 1)
+        factor = np.zeros((4, 4))
+        factor[np.triu_indices(4)] = self.memory[1 + 10 * pair : 11 + 10 * pair]
+        return factor
+
+
 @dataclass
 class Result:
     weights: np.ndarray  # [count, N] float32
     before: np.ndarray  # [count] float32
     after: np.ndarray
+    leftover: np.ndarray
+
+
+class _Call:
+    """A batch and options as C has them, and the arrays that they point to."""
+
+    def __init__(self, batch: Batch, options: dict[str, float]) -> None:
+        self.options = _lib.skd_solve_defaults()
+        self.options.length = batch.length
+        for name, value in options.items():
+            setattr(self.options, name, value)
+        count, slots = len(batch.vertices), batch.slots
+        rows = [np.full((count, slots), np.nan, np.float32)]
+        rows += [np.full(count, np.nan, np.float32) for _ in range(3)]
+        self.result = Result(*rows)
+        self.kept = batch.poses()
+        self.poses = (_Pose * len(self.kept))(
+            *((_pointer(p.matrices), _pointer(p.targets), _pointer(p.strengths)) for p in self.kept)
+        )
+        self.guard = None if batch.guard is None else Guard(batch.guard)
+        self.batch = _Batch(count=count, slot_count=slots, pose_count=len(self.kept))
+        for name in ("vertices", "rest", "joints", "weights", "anchor", "vertex_locked",
+                     "bone_locked", "start_joints", "start_weights", "pulls"):  # fmt: skip
+            setattr(self.batch, name, _pointer(getattr(batch, name)))
+        self.batch.poses = ctypes.addressof(self.poses)
+        self.batch.guard = None if self.guard is None else _pointer(self.guard.memory)
+        self.batch.weights_out = _pointer(self.result.weights)
+        self.batch.residual_before = _pointer(self.result.before)
+        self.batch.residual_after = _pointer(self.result.after)
+        self.batch.leftover_out = _pointer(self.result.leftover)
 
 
 def solve(batch: Batch, **options: float) -> Result:
     """skd_solve with the default options but for those named."""
-    chosen = _lib.skd_solve_defaults()
-    chosen.length = batch.length
-    for name, value in options.items():
-        setattr(chosen, name, value)
-    count = len(batch.vertices)
-    result = Result(
-        np.full((count, batch.slots), np.nan, np.float32),
-        np.full(count, np.nan, np.float32),
-        np.full(count, np.nan, np.float32),
+    call = _Call(batch, options)
+    _lib.skd_solve(ctypes.byref(call.batch), ctypes.byref(call.options))
+    return call.result
+
+
+def choose_stiffness(batch: Batch, **options: float) -> float:
+    """skd_stiffness_choose with the batch as its sample."""
+    call = _Call(batch, options)
+    scratch = np.full(len(batch.vertices), np.nan, np.float32)
+    return _lib.skd_stiffness_choose(
+        ctypes.byref(call.batch), ctypes.byref(call.options), ctypes.c_void_p(_pointer(scratch))
     )
-    raw = _Batch(count=count, slot_count=batch.slots)
-    for name in ("vertices", "targets", "rest", "joints", "weights", "anchor", "vertex_locked",
-                 "bone_locked", "matrices"):  # fmt: skip
-        setattr(raw, name, _pointer(getattr(batch, name)))
-    raw.weights_out = _pointer(result.weights)
-    raw.residual_before = _pointer(result.before)
-    raw.residual_after = _pointer(result.after)
-    _lib.skd_solve(ctypes.byref(raw), ctypes.byref(chosen))
-    return result
 
 
 def skin(batch: Batch, weights: np.ndarray) -> np.ndarray:

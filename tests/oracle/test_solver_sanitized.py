@@ -12,7 +12,13 @@ import solver_build
 HERE = pathlib.Path(__file__).parent
 
 
-@pytest.mark.parametrize("name", ["test_solver_oracle.py", "test_slots_oracle.py"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "test_solver_oracle.py", "test_solver_terms_oracle.py", "test_slots_oracle.py",
+        "test_evidence_oracle.py",
+    ],  # fmt: skip
+)
 def test_under_the_sanitizer(name: str) -> None:
     runtime = solver_build.missing_runtime()
     if runtime is None:

@@ -48,7 +48,7 @@ def check(name: str, value: Any, definition: str = "") -> None:
 
 def methods() -> list[str]:
     """The methods that a client may call, from the C header."""
-    header = (ROOT / "protocol" / "request.h").read_text("utf-8")
+    header = (ROOT / "protocol" / "words.h").read_text("utf-8")
     return re.findall(r'X\(\w+, "([a-z.]+)"\)', header)
 
 

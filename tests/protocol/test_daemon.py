@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import re
 import time
 from pathlib import Path
 
@@ -87,6 +88,62 @@ def gather(link: Link, count: int) -> list:
     return list(link.notifications)
 
 
+def f32(values) -> np.ndarray:
+    return np.asarray(values, np.float32)
+
+
+def sculpt_two_poses(artist: Link) -> list[str]:
+    """Pins, guards, shapes, refit, edits. Returns the causes of what changed."""
+    def call(method, arrays=None, **params):
+        return artist.call(method, {"session": "r", **params}, arrays or {})
+
+    vertices = np.arange(2, 6, dtype=np.uint32)
+    assert call("pins.list")["pins"] == []  # weights.set took them away
+    shown = f32(call("pose.evaluate", {"vertices": vertices}, pose="bent")["positions"])
+    call("stroke.apply", {"vertices": vertices, "positions": shown + np.float32(0.05)}, pose="bent")
+    (pins,) = call("pins.list")["pins"]
+    assert pins == {"pose": "bent", "vertices": 4, "weight": 1, "current": True}
+    pinned = call("pins.get", pose="bent")
+    assert list(pinned["vertices"]) == [2, 3, 4, 5] and set(pinned["weights"]) == {1}
+    call("pose.set", pose="less", clip="bend", time=0.25)
+    guarded = call("guard.set", clips=["bend"], poses=["less"], count=2)
+    assert len(guarded["poses"]) == 2 and guarded == call("guard.get")
+    shown = f32(call("pose.evaluate", {"vertices": vertices}, pose="less")["positions"])
+    stroke = call("stroke.apply", {"vertices": vertices, "positions": shown + np.float32(0.05),
+                                   "mask": f32([1, 1, 1, 0.5])},
+                  pose="less", pin="move", slots="evidence", guard=0.1, smooth=0.1, mix=0.5,
+                  residual="rest", stiffness=0.001)
+    assert stroke["stiffness"] == pytest.approx(0.001) and stroke["poses"] == 2
+    assert stroke["rest_moved"] == 4 and len(stroke["residuals"]) == 4
+    assert not np.array_equal(call("mesh.get")["rest"], rest_positions())
+    stroke = call("stroke.apply", {"vertices": vertices, "positions": shown + np.float32(0.1)},
+                  pose="less", residual="shape", pin="none")
+    assert stroke["shaped"] == 4
+    assert max(stroke["residuals"]) < 1e-5  # the shape takes what weights cannot reach
+    shapes = call("shapes.list")
+    assert shapes["shapes"] == [{"pose": "less", "vertices": 4, "current": True}]
+    assert shapes["rest_moved"] == 4
+    assert np.asarray(call("shapes.get", pose="less")["offsets"]).shape == (4, 3)
+    assert call("pins.weigh", {"vertices": vertices[:1]}, pose="bent", weight=2)["undo_steps"] == 6
+    assert set(call("pins.get", pose="bent")["weights"]) == {1, 2}
+    assert len(call("pins.solve", pose="bent", stream=False)["residuals"]) == 4
+    call("pins.clear", pose="less")
+    assert [pins["pose"] for pins in call("pins.list")["pins"]] == ["bent"]
+    mirrored = call("weights.mirror", axis="x", origin=0.5, **{"from": "-"})
+    assert mirrored["unmatched"] == 0
+    assert mirrored["unpaired_bones"] == ["lower", "upper"]  # they stand beside the plane
+    pruned = call("weights.prune", {"vertices": vertices[:2]}, below=0.5)
+    assert pruned["removed"] == 2 and pruned["vertices"] == 2
+    assert call("weights.reduce", influences=1, by="size")["vertices"] == 2
+    assert np.asarray(call("weights.get")["weights"]).max(axis=1) == pytest.approx(1)
+    posed = [f32(call("pose.evaluate", pose=pose)["positions"]) for pose in ("bent", "less")]
+    refit = call("session.refit", {"positions": np.concatenate(posed)}, poses=["bent", "less"],
+                 rounds=1)
+    assert refit["vertices"] == 2 * ROWS and refit["poses"] == 2
+    return ["stroke", "stroke", "stroke", "pins", "stroke", "pins", "mirror", "prune", "reduce",
+            "refit"]
+
+
 def use_everything(path: Path, folder: Path, lines: bool) -> None:
     """One session through its whole life; each method at least once."""
     def connect(name):
@@ -124,10 +181,11 @@ def use_everything(path: Path, folder: Path, lines: bool) -> None:
                                                                "weights": rows})
         assert wanted == {"session": "r", "revision": 4, "vertices": 4, "undo_steps": 2,
                           "redo_steps": 0}
+        causes = ["stroke", "undo", "redo", "set", *sculpt_two_poses(artist)]
         exported = artist.call("session.export", {"session": "r", "path": str(folder / "o.gltf")})
-        assert exported["revision"] == 4
+        assert exported["revision"] == len(causes)
         info = artist.call("session.info", {"session": "r"})
-        assert set(info["poses"]) == {"rest", "bent", "flat"}
+        assert set(info["poses"]) == {"rest", "bent", "flat", "less"}
         artist.call("session.create", {"name": "arrays", "fill": "none"}, rig_arrays())
         artist.call("session.close", {"session": "arrays"})
         artist.call("ping")
@@ -136,10 +194,20 @@ def use_everything(path: Path, folder: Path, lines: bool) -> None:
             artist.call("weights.get", {"session": "nobody"})
         assert refused.value.name == "no_session"
         artist.call("session.close", {"session": "r"})
-        told = gather(watcher, 5)
-        assert [message.method for message in told] == 4 * ["session.update"] + ["session.closed"]
-        assert [message.params["cause"] for message in told[:4]] == ["stroke", "undo", "redo", "set"]
-        assert [message.params["revision"] for message in told[:4]] == [1, 2, 3, 4]
+        told = gather(watcher, len(causes) + 1)
+        assert [message.method for message in told] == (
+            len(causes) * ["session.update"] + ["session.closed"])
+        updates = [message.params for message in told[:-1]]
+        assert [update["cause"] for update in updates] == causes
+        assert [update["revision"] for update in updates] == list(range(1, len(causes) + 1))
+
+
+def test_the_capabilities_are_the_documented_ones(daemon):
+    text = (schemas.ROOT / "protocol" / "PROTOCOL.md").read_text("utf-8").split("| capability |")[1]
+    documented = [name for line in text.splitlines()[2:] if line.startswith("| `")
+                  for name in re.findall(r"`([a-z0-9.]+)`", line.split("|")[1])]
+    with daemon.link() as link:
+        assert sorted(link.hello["capabilities"]) == sorted(documented)
 
 
 def test_every_message_is_what_its_schema_says(daemon, tmp_path):

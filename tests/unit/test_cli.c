@@ -1,5 +1,6 @@
-/* skinctl's pure parts: the brush, values from the command line, stroke scripts. */
+/* skinctl's pure parts: the brush, values from the command line, stroke scripts, point caches. */
 #include "clients/cli/brush.h"
+#include "clients/cli/pc2.h"
 #include "clients/cli/print.h"
 #include "clients/cli/script.h"
 #include "clients/cli/values.h"
@@ -10,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -201,6 +203,166 @@ static void vectors_and_indexes_are_read_whole_or_refused(void **state)
             skd_value_indexes("--vertices", bad_indexes[i], &indexes, &count, &error), SKD_OK);
 }
 
+static void numbers_are_read_whole_or_refused(void **state)
+{
+    static const char *const bad[] = {"", ",", "1,", ",1", "1,,2", "1 2", "1,x", "nan", "1,inf"};
+    struct skd_error error;
+    double *numbers;
+    size_t count;
+    (void)state;
+    assert_int_equal(skd_value_numbers("--times", "0,0.5,-2e1", &numbers, &count, &error), SKD_OK);
+    assert_int_equal(count, 3);
+    assert_near(numbers[1], 0.5, 0);
+    assert_near(numbers[2], -20, 0);
+    free(numbers);
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        assert_int_equal(skd_value_numbers("--times", bad[i], &numbers, &count, &error),
+                         SKD_BAD_PARAMS);
+        assert_non_null(strstr(error.text, "--times"));
+    }
+}
+
+/* A file with these bytes; unlink it. */
+static void write_file(char path[32], const void *bytes, size_t count)
+{
+    strcpy(path, "/tmp/skind-test-XXXXXX");
+    int file = mkstemp(path);
+    assert_true(file >= 0);
+    assert_int_equal(write(file, bytes, count), (ssize_t)count);
+    close(file);
+}
+
+static void targets_may_have_a_mask(void **state)
+{
+    static const char text[] = "7 0 1 2  # a comment\n\n8 3 4 5 0.25\n";
+    static const char wrong[] = "7 0 1 2 1 1\n";
+    struct skd_targets targets = {0};
+    struct skd_error error;
+    char path[32];
+    (void)state;
+    write_file(path, text, strlen(text));
+    assert_int_equal(skd_targets_read(&targets, path, &error), SKD_OK);
+    unlink(path);
+    assert_int_equal(targets.count, 2);
+    assert_int_equal(targets.vertices[1], 8);
+    assert_near(targets.positions[5], 5, 0);
+    assert_true(targets.has_mask);
+    assert_near(targets.mask[0], 1, 0);
+    assert_near(targets.mask[1], 0.25, 0);
+    skd_targets_finish(&targets);
+    assert_int_equal(skd_targets_add(&targets, "--vertex", "3=1,2,3", &error), SKD_OK);
+    assert_false(targets.has_mask);
+    skd_targets_finish(&targets);
+    write_file(path, wrong, strlen(wrong));
+    assert_int_equal(skd_targets_read(&targets, path, &error), SKD_BAD_PARAMS);
+    assert_non_null(strstr(error.text, "line 1"));
+    unlink(path);
+    skd_targets_finish(&targets);
+}
+
+/* ---- point caches ---- */
+
+enum { POINTS = 2, SAMPLES = 5, CACHE_BYTES = 32 + SAMPLES * POINTS * 12 };
+
+/* Byte by byte as the format says; coordinate c of point p in sample s is 100 s + 10 p + c. */
+static void make_cache(unsigned char bytes[CACHE_BYTES])
+{
+    const uint32_t counts[] = {1, POINTS, 0, 0, SAMPLES};
+    const float start = -3.5F, rate = 0.5F;
+    size_t used = 32;
+    memcpy(bytes, "POINTCACHE2", 12);
+    for (size_t i = 0; i < 5; i++)
+        for (size_t k = 0; k < 4; k++)
+            bytes[12 + 4 * i + k] = (unsigned char)(counts[i] >> (8 * k));
+    memcpy(bytes + 20, &start, 4); /* these tests run on little-endian machines */
+    memcpy(bytes + 24, &rate, 4);
+    for (int sample = 0; sample < SAMPLES; sample++)
+        for (int point = 0; point < POINTS; point++)
+            for (int c = 0; c < 3; c++, used += 4) {
+                const float number = (float)(100 * sample + 10 * point + c);
+                memcpy(bytes + used, &number, 4);
+            }
+}
+
+static enum skd_status read_cache(const unsigned char *bytes, size_t count,
+                                  const struct skd_pc2_wanted *wanted, struct skd_pc2 *cache,
+                                  struct skd_error *error)
+{
+    char path[32];
+    write_file(path, bytes, count);
+    enum skd_status status = skd_pc2_read(path, wanted, cache, error);
+    if (status != SKD_OK)
+        assert_ptr_equal(strstr(error->text, path), error->text); /* the sentence begins with it */
+    unlink(path);
+    return status;
+}
+
+static void caches_are_read_sample_by_sample(void **state)
+{
+    unsigned char bytes[CACHE_BYTES];
+    struct skd_pc2 cache;
+    struct skd_error error;
+    (void)state;
+    make_cache(bytes);
+    for (size_t step = 1; step <= SAMPLES + 1; step++) {
+        const struct skd_pc2_wanted wanted = {POINTS, step, SAMPLES};
+        assert_int_equal(read_cache(bytes, sizeof bytes, &wanted, &cache, &error), SKD_OK);
+        assert_int_equal(cache.samples, SAMPLES);
+        assert_int_equal(cache.count, (SAMPLES + step - 1) / step);
+        assert_near(cache.rate, 0.5, 0);
+        for (size_t i = 0; i < cache.count; i++)
+            for (size_t k = 0; k < 3 * POINTS; k++)
+                assert_near(cache.positions[3 * POINTS * i + k],
+                            100.0 * (double)(i * step) + 10.0 * (double)(k / 3) + (double)(k % 3),
+                            0);
+        skd_pc2_finish(&cache);
+    }
+}
+
+static void broken_caches_are_refused(void **state)
+{
+    static const struct {
+        size_t place;
+        unsigned char bytes[4]; /* over what is there */
+        size_t length;          /* of the file */
+        enum skd_status status;
+        const char *words;
+    } broken[] = {
+        {0, {'P'}, 0, SKD_BAD_PARAMS, "no PC2 point cache"},
+        {0, {'P'}, 31, SKD_BAD_PARAMS, "no PC2 point cache"},
+        {11, {'3'}, CACHE_BYTES, SKD_BAD_PARAMS, "no PC2 point cache"},
+        {12, {2}, CACHE_BYTES, SKD_BAD_PARAMS, "version 2"},
+        {16, {3}, CACHE_BYTES, SKD_COUNT_MISMATCH, "3 points, but the session 2 vertices"},
+        {16, {0}, CACHE_BYTES, SKD_BAD_PARAMS, "no points"},
+        {16, {2, 0, 0, 0x80}, CACHE_BYTES, SKD_BAD_PARAMS, "no points"},          /* below 0 */
+        {20, {0, 0, 0x80, 0x7F}, CACHE_BYTES, SKD_BAD_PARAMS, "start or a rate"}, /* infinite */
+        {24, {0, 0, 0, 0}, CACHE_BYTES, SKD_BAD_PARAMS, "start or a rate"},
+        {24, {0, 0, 0xC0, 0x7F}, CACHE_BYTES, SKD_BAD_PARAMS, "start or a rate"}, /* NaN */
+        {28, {0}, CACHE_BYTES, SKD_BAD_PARAMS, "no samples"},
+        {28, {0xFF, 0xFF, 0xFF, 0x7F}, CACHE_BYTES, SKD_TOO_LARGE, "--step"},
+        {28, {6}, CACHE_BYTES, SKD_BAD_PARAMS, "cut short: sample 5"},
+        {28, {4}, CACHE_BYTES, SKD_BAD_PARAMS, "longer than the 4 samples"},
+        {0, {'P'}, 32, SKD_BAD_PARAMS, "cut short: sample 0"},
+        {0, {'P'}, CACHE_BYTES - 1, SKD_BAD_PARAMS, "cut short: sample 4"},
+        {32 + 24 + 12, {0, 0, 0xC0, 0x7F}, CACHE_BYTES, SKD_NOT_FINITE, "point 1 of sample 1"},
+    };
+    const struct skd_pc2_wanted wanted = {POINTS, 1, 2 * SAMPLES};
+    struct skd_error error;
+    struct skd_pc2 cache;
+    (void)state;
+    for (size_t i = 0; i < sizeof broken / sizeof *broken; i++) {
+        unsigned char bytes[CACHE_BYTES];
+        bool is_field = broken[i].place >= 16;
+        make_cache(bytes);
+        memcpy(bytes + broken[i].place, broken[i].bytes, is_field ? 4 : 1);
+        enum skd_status status = read_cache(bytes, broken[i].length, &wanted, &cache, &error);
+        if (status != broken[i].status || strstr(error.text, broken[i].words) == NULL)
+            fail_msg("cache %zu gave status %d, \"%s\"", i, status, error.text);
+        skd_pc2_finish(&cache);
+    }
+    assert_int_equal(skd_pc2_read("/nowhere/a.pc2", &wanted, &cache, &error), SKD_NO_FILE);
+}
+
 static void counts_are_grouped(void **state)
 {
     char text[SKD_COUNT_TEXT_BYTES];
@@ -229,7 +391,9 @@ static void script_is_read_member_by_member(void **state)
         "    constraint: affine\n"
         "    stiffness: 0\n"
         "    lock_bones: [head, \"hand.L\"]\n"
-        "  - {pose: own, vertices: [7, 8], positions: [[0, 1, 0], [0.5, 1, 0]]}\n";
+        "  - {pose: own, vertices: [7, 8], positions: [[0, 1, 0], [0.5, 1, 0]], mask: [0, 1]}\n"
+        "  - {pose: own, vertices: [7], positions: [[0, 1, 0]], pin: move, slots: evidence,\n"
+        "     guard: 2, smooth: 0.5, mix: 0.25, residual: shape}\n";
     struct skd_script *script;
     struct skd_error error = {0};
     (void)state;
@@ -239,7 +403,7 @@ static void script_is_read_member_by_member(void **state)
     assert_near(*script->poses[0].time, 0.5, 0);
     assert_int_equal(script->poses[1].matrices_count, 1);
     assert_near(script->poses[1].matrices[0][11], 2.5, 0);
-    assert_int_equal(script->strokes_count, 2);
+    assert_int_equal(script->strokes_count, 3);
     const struct skd_script_stroke *stroke = &script->strokes[0];
     assert_near(stroke->brush->centre[2], 0.3, 0);
     assert_near(*stroke->brush->radius, 0.25, 0);
@@ -254,6 +418,15 @@ static void script_is_read_member_by_member(void **state)
     assert_null(stroke->stiffness);
     assert_int_equal(stroke->vertices[1], 8);
     assert_near(stroke->positions[1][0], 0.5, 0);
+    assert_int_equal(stroke->mask_count, 2);
+    assert_near(stroke->mask[1], 1, 0);
+    assert_true(stroke->pin == NULL && stroke->guard == NULL && stroke->residual == NULL);
+    stroke = &script->strokes[2];
+    assert_string_equal(stroke->pin, "move");
+    assert_string_equal(stroke->slots, "evidence");
+    assert_string_equal(stroke->residual, "shape");
+    assert_true(*stroke->guard == 2 && *stroke->smooth == 0.5 && *stroke->mix == 0.25);
+    assert_int_equal(stroke->mask_count, 0);
     skd_script_destroy(script);
 }
 
@@ -287,6 +460,15 @@ static const struct {
     {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], method: best}\n", "method"},
     {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], stiffness: 11}\n", "stiffness"},
     {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], constraint: x}\n", "constraint"},
+    {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], pin: keep}\n", "pin"},
+    {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], slots: all}\n", "slots"},
+    {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], residual: x}\n", "residual"},
+    {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], guard: 1001}\n", "guard"},
+    {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], smooth: -1}\n", "smooth"},
+    {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], mix: 2}\n", "mix"},
+    {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], mask: [2]}\n", "mask"},
+    {"strokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]], mask: [1, 1]}\n", "mask"},
+    {"strokes:\n  - pose: a\n    brush: {bone: b, radius: 1, out: 1}\n    mask: [1]\n", "falloff"},
     {"poses: [{name: a, clip: c}]\nstrokes:\n  - {pose: a, vertices: [1], positions: [[0,0,0]]}\n",
      "pose 1"},
     {"poses: [{name: rest, clip: c, time: 0}]\nstrokes: [{pose: a}]\n", "rest"},
@@ -340,6 +522,10 @@ int main(void)
         cmocka_unit_test(brush_that_touches_nothing_tells_how_far_it_is),
         cmocka_unit_test(bone_centre_is_where_bone_and_parent_meet),
         cmocka_unit_test(vectors_and_indexes_are_read_whole_or_refused),
+        cmocka_unit_test(numbers_are_read_whole_or_refused),
+        cmocka_unit_test(targets_may_have_a_mask),
+        cmocka_unit_test(caches_are_read_sample_by_sample),
+        cmocka_unit_test(broken_caches_are_refused),
         cmocka_unit_test(counts_are_grouped),
         cmocka_unit_test(script_is_read_member_by_member),
         cmocka_unit_test(malformed_scripts_are_refused_by_name),

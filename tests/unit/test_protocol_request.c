@@ -78,7 +78,12 @@ static void test_stroke_defaults(void **state)
     assert_true(stroke->stream);
     assert_string_equal(skd_method_words[stroke->method], "exact");
     assert_string_equal(skd_constraint_words[stroke->constraint], "simplex");
-    assert_true(stroke->stiffness == 0.008);
+    assert_true(isnan(stroke->stiffness));
+    assert_string_equal(skd_pin_words[stroke->pin], "set");
+    assert_string_equal(skd_slots_words[stroke->slots], "keep");
+    assert_string_equal(skd_residual_words[stroke->residual], "report");
+    assert_true(stroke->guard == 0.3 && stroke->smooth == 0 && stroke->mix == 1);
+    assert_null(stroke->mask.data);
     assert_true(stroke->thesis_k == 0.05);
     assert_true(stroke->thesis_h == 1.2);
     assert_int_equal(stroke->locked_bone_count, 0);
@@ -111,11 +116,152 @@ static void test_stroke_options(void **state)
     skd_request_finish(&request);
 }
 
+static void test_stroke_of_every_pose(void **state)
+{
+    (void)state;
+    struct skd_request request;
+    assert_int_equal(decode(&request, "stroke.apply",
+                            "{\"session\":\"a\",\"pose\":\"p\",\"vertices\":[1,2],"
+                            "\"positions\":[1,2,3,4,5,6],\"pin\":\"move\","
+                            "\"slots\":\"evidence\",\"guard\":1000,\"smooth\":10,\"mix\":0,"
+                            "\"mask\":[0,0.5],\"residual\":\"shape\"}"),
+                     SKD_OK);
+    const struct skd_stroke_params *stroke = &request.params.stroke;
+    assert_string_equal(skd_pin_words[stroke->pin], "move");
+    assert_string_equal(skd_slots_words[stroke->slots], "evidence");
+    assert_string_equal(skd_residual_words[stroke->residual], "shape");
+    assert_true(stroke->guard == 1000 && stroke->smooth == 10 && stroke->mix == 0);
+    assert_int_equal(stroke->mask.rows, 2);
+    assert_true(((const float *)stroke->mask.data)[1] == 0.5f);
+    skd_request_finish(&request);
+    /* The thesis's method takes what leaves it as it is. */
+    assert_int_equal(decode(&request, "stroke.apply",
+                            "{\"session\":\"a\",\"pose\":\"p\",\"vertices\":[],"
+                            "\"positions\":[],\"method\":\"thesis\",\"slots\":\"keep\","
+                            "\"guard\":0,\"smooth\":0,\"mix\":1,\"pin\":\"none\","
+                            "\"residual\":\"report\"}"),
+                     SKD_OK);
+    assert_string_equal(skd_pin_words[request.params.stroke.pin], "none");
+    skd_request_finish(&request);
+}
+
+static void test_pins(void **state)
+{
+    (void)state;
+    struct skd_request request;
+    assert_int_equal(decode(&request, "pins.solve", "{\"session\":\"a\",\"pose\":\"p\"}"), SKD_OK);
+    assert_false(request.params.stroke.vertices_given);
+    assert_true(isnan(request.params.stroke.stiffness) && request.params.stroke.stream);
+    assert_true(request.params.stroke.guard == 0.3 && request.params.stroke.mix == 1);
+    assert_string_equal(skd_pin_words[request.params.stroke.pin], "none");
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "pins.weigh",
+                            "{\"session\":\"a\",\"pose\":\"p\",\"weight\":1000,\"vertices\":[]}"),
+                     SKD_OK);
+    assert_true(request.params.pins.weight == 1000 && request.params.pins.vertices_given);
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "pins.clear", "{\"session\":\"a\"}"), SKD_OK);
+    assert_null(request.params.pins.pose);
+    assert_false(request.params.pins.vertices_given);
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "shapes.get", "{\"session\":\"a\",\"pose\":\"p\"}"), SKD_OK);
+    assert_string_equal(request.params.pins.pose, "p");
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "pins.list", "{\"session\":\"a\"}"), SKD_OK);
+    assert_string_equal(request.params.session.session, "a");
+    skd_request_finish(&request);
+}
+
+static void test_guard(void **state)
+{
+    (void)state;
+    struct skd_request request;
+    assert_int_equal(decode(&request, "guard.set", "{\"session\":\"a\"}"), SKD_OK);
+    const struct skd_guard_set_params *guard = &request.params.guard_set;
+    assert_true(guard->poses == NULL && guard->clips == NULL && guard->matrices.data == NULL);
+    assert_int_equal(guard->count, 8);
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "guard.set",
+                            "{\"session\":\"a\",\"poses\":[],\"clips\":[\"walk\",\"run\"],"
+                            "\"matrices\":[],\"count\":64}"),
+                     SKD_OK);
+    assert_true(guard->poses != NULL && guard->pose_count == 0);
+    assert_int_equal(guard->clip_count, 2);
+    assert_string_equal(guard->clips[1], "run");
+    assert_non_null(guard->matrices.data);
+    assert_int_equal(guard->count, 64);
+    skd_request_finish(&request);
+}
+
+static void test_edits(void **state)
+{
+    (void)state;
+    struct skd_request request;
+    const struct skd_weights_edit_params *edit = &request.params.weights_edit;
+    assert_int_equal(decode(&request, "weights.mirror", "{\"session\":\"a\"}"), SKD_OK);
+    assert_string_equal(skd_axis_words[edit->axis], "x");
+    assert_string_equal(skd_side_words[edit->from], "+");
+    assert_true(edit->origin == 0 && edit->tolerance == 1e-3 && !edit->vertices_given);
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "weights.mirror",
+                            "{\"session\":\"a\",\"axis\":\"z\",\"from\":\"-\",\"origin\":-2.5,"
+                            "\"tolerance\":0,\"vertices\":[7]}"),
+                     SKD_OK);
+    assert_int_equal(edit->axis, 2);
+    assert_string_equal(skd_side_words[edit->from], "-");
+    assert_true(edit->origin == -2.5 && edit->tolerance == 0 && edit->vertices.rows == 1);
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "weights.prune", "{\"session\":\"a\"}"), SKD_OK);
+    assert_true(edit->below == 0.01);
+    skd_request_finish(&request);
+    assert_int_equal(decode(&request, "weights.reduce", "{\"session\":\"a\",\"influences\":1}"),
+                     SKD_OK);
+    assert_true(edit->influences == 1 && edit->by == SKD_REDUCE_BY_POSES && edit->poses == NULL);
+    skd_request_finish(&request);
+    assert_int_equal(
+        decode(&request, "weights.reduce", "{\"session\":\"a\",\"influences\":8,\"by\":\"size\"}"),
+        SKD_OK);
+    assert_int_equal(edit->by, SKD_REDUCE_BY_SIZE);
+    skd_request_finish(&request);
+}
+
+static void test_refit(void **state)
+{
+    (void)state;
+    struct skd_request request;
+    const struct skd_stroke_params *refit = &request.params.stroke;
+    assert_int_equal(decode(&request, "session.refit",
+                            "{\"session\":\"a\",\"poses\":[\"p\",\"q\"],"
+                            "\"positions\":[1,2,3,4,5,6]}"),
+                     SKD_OK);
+    assert_int_equal(refit->pose_count, 2);
+    assert_string_equal(refit->poses[1], "q");
+    assert_int_equal(refit->positions.rows, 2);
+    assert_string_equal(skd_slots_words[refit->slots], "evidence");
+    assert_int_equal(refit->rounds, 3);
+    assert_true(isnan(refit->stiffness) && refit->guard == 0 && refit->mix == 1);
+    skd_request_finish(&request);
+    /* One name more than a session has poses. */
+    static char params[8 * SKD_POSES_MAX + 256];
+    for (int count = SKD_POSES_MAX; count <= SKD_POSES_MAX + 1; count++) {
+        int used =
+            snprintf(params, sizeof params, "{\"session\":\"a\",\"positions\":[],\"poses\":[\"p\"");
+        for (int i = 1; i < count; i++)
+            used += snprintf(params + used, sizeof params - (size_t)used, ",\"p\"");
+        (void)snprintf(params + used, sizeof params - (size_t)used, "]}");
+        assert_int_equal(decode(&request, "session.refit", params),
+                         count <= SKD_POSES_MAX ? SKD_OK : SKD_BAD_PARAMS);
+        skd_request_finish(&request);
+    }
+}
+
 #define STROKE "\"session\":\"a\",\"pose\":\"p\",\"vertices\":[1],\"positions\":[[1,2,3]]"
 #define RIG                                                                                        \
     "\"positions\":[0,0,0],\"triangles\":[],\"bones\":{\"parents\":[-1],\"binds\":"                \
     "[[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]]},\"influence_offsets\":[0,1],"                         \
     "\"influence_joints\":[0],\"influence_weights\":[1]"
+
+#define SET "\"session\":\"a\",\"vertices\":[1],\"weights\":[[1,0,0,0]]"
 
 /* What is refused, with which code, and words that the sentence must hold. */
 static const struct {
@@ -145,7 +291,7 @@ static const struct {
     {"session.create", "{\"file\":\"/a\",\"fill\":\"all\"}", SKD_BAD_PARAMS,
      "fill is not one of hop, infect, neighbours, none"},
     {"session.create", "{\"file\":\"/a\",\"reduce\":true}", SKD_BAD_PARAMS,
-     "reduce is not one of refuse, largest"},
+     "reduce is not one of refuse, largest, posed"},
     {"session.create", "{\"file\":\"/a\",\"name\":\"a/b\"}", SKD_BAD_PARAMS, "name is \"a/b\""},
     {"session.create", "{\"file\":\"/a\",\"name\":\".a\"}", SKD_BAD_PARAMS, "does not begin"},
     {"session.create", "{\"file\":\"/a\",\"name\":\"\"}", SKD_BAD_PARAMS, "name has 0 bytes"},
@@ -193,6 +339,58 @@ static const struct {
     {"stroke.apply", "{" STROKE ",\"locked_bones\":\"hip\"}", SKD_BAD_PARAMS, "list of strings"},
     {"stroke.apply", "{" STROKE ",\"locked_bones\":[1]}", SKD_BAD_PARAMS, "list of strings"},
     {"stroke.apply", "{" STROKE ",\"locked_vertices\":[[1]]}", SKD_BAD_PARAMS, "flat list"},
+    {"stroke.apply", "{" STROKE ",\"pin\":\"keep\"}", SKD_BAD_PARAMS, "set, move, none"},
+    {"stroke.apply", "{" STROKE ",\"slots\":\"all\"}", SKD_BAD_PARAMS, "keep, evidence"},
+    {"stroke.apply", "{" STROKE ",\"residual\":1}", SKD_BAD_PARAMS, "report, rest, shape"},
+    {"stroke.apply", "{" STROKE ",\"guard\":1001}", SKD_BAD_PARAMS, "it may be 0 to 1000"},
+    {"stroke.apply", "{" STROKE ",\"smooth\":-1}", SKD_BAD_PARAMS, "smooth is -1"},
+    {"stroke.apply", "{" STROKE ",\"mix\":1.5}", SKD_BAD_PARAMS, "it may be 0 to 1"},
+    {"stroke.apply", "{" STROKE ",\"mask\":[1,1]}", SKD_COUNT_MISMATCH,
+     "mask has 2 numbers but vertices has 1; send one a vertex, or no mask"},
+    {"stroke.apply", "{" STROKE ",\"mask\":[]}", SKD_COUNT_MISMATCH, "mask has 0 numbers"},
+    {"stroke.apply", "{" STROKE ",\"method\":\"thesis\",\"pin\":\"move\"}", SKD_UNSUPPORTED,
+     "knows no pin \"move\"; use the method \"exact\""},
+    {"stroke.apply", "{" STROKE ",\"method\":\"thesis\",\"slots\":\"evidence\"}", SKD_UNSUPPORTED,
+     "knows no slots"},
+    {"stroke.apply", "{" STROKE ",\"method\":\"thesis\",\"guard\":0.3}", SKD_UNSUPPORTED,
+     "knows no guard"},
+    {"stroke.apply", "{" STROKE ",\"method\":\"thesis\",\"smooth\":0.1}", SKD_UNSUPPORTED,
+     "knows no smooth"},
+    {"stroke.apply", "{" STROKE ",\"method\":\"thesis\",\"mix\":0.1}", SKD_UNSUPPORTED,
+     "knows no mix"},
+    {"stroke.apply", "{" STROKE ",\"method\":\"thesis\",\"mask\":[1]}", SKD_UNSUPPORTED,
+     "knows no mask"},
+    {"stroke.apply", "{" STROKE ",\"method\":\"thesis\",\"residual\":\"rest\"}", SKD_UNSUPPORTED,
+     "knows no residual"},
+    {"weights.set", "{" SET ",\"joints\":[[1,2,3,4],[1,2,3,4]]}", SKD_COUNT_MISMATCH,
+     "joints has 8 numbers but weights has 4"},
+    {"weights.set", "{" SET ",\"joints\":[1,2,3]}", SKD_COUNT_MISMATCH, "joints has 3"},
+    {"weights.set", "{" SET ",\"rest\":[]}", SKD_COUNT_MISMATCH, "rest has 0 rows"},
+    {"weights.set", "{" SET ",\"shape\":\"p\"}", SKD_BAD_PARAMS, "shape and offsets go together"},
+    {"weights.set", "{" SET ",\"offsets\":[1,2,3]}", SKD_BAD_PARAMS, "go together"},
+    {"weights.set", "{" SET ",\"shape\":\"p\",\"offsets\":[1,2,3,4,5,6]}", SKD_COUNT_MISMATCH,
+     "offsets has 2 rows"},
+    {"pins.weigh", "{\"session\":\"a\",\"pose\":\"p\"}", SKD_BAD_PARAMS, "weight is missing"},
+    {"pins.weigh", "{\"session\":\"a\",\"pose\":\"p\",\"weight\":-1}", SKD_BAD_PARAMS,
+     "it may be 0 to 1000"},
+    {"pins.get", "{\"session\":\"a\"}", SKD_BAD_PARAMS, "pins.get: pose is missing"},
+    {"pins.clear", "{\"session\":\"a\",\"pose\":\"\"}", SKD_BAD_PARAMS, "pose has 0 bytes"},
+    {"guard.set", "{\"session\":\"a\",\"count\":65}", SKD_BAD_PARAMS, "it may be 1 to 64"},
+    {"guard.set", "{\"session\":\"a\",\"clips\":\"walk\"}", SKD_BAD_PARAMS, "list of strings"},
+    {"session.refit", "{\"session\":\"a\",\"poses\":[],\"positions\":[]}", SKD_BAD_PARAMS,
+     "poses has 0 names; it may have 1 to 1024"},
+    {"session.refit", "{\"session\":\"a\",\"poses\":[\"p\",\"q\"],\"positions\":[1,2,3]}",
+     SKD_COUNT_MISMATCH,
+     "positions has 1 rows for 2 poses; send one position a vertex for each pose"},
+    {"session.refit", "{\"session\":\"a\",\"poses\":[\"p\"],\"positions\":[],\"rounds\":17}",
+     SKD_BAD_PARAMS, "it may be 1 to 16"},
+    {"weights.mirror", "{\"session\":\"a\",\"axis\":0}", SKD_BAD_PARAMS, "x, y, z"},
+    {"weights.mirror", "{\"session\":\"a\",\"from\":\"left\"}", SKD_BAD_PARAMS, "not one of +, -"},
+    {"weights.prune", "{\"session\":\"a\",\"below\":2}", SKD_BAD_PARAMS, "it may be 0 to 1"},
+    {"weights.reduce", "{\"session\":\"a\"}", SKD_BAD_PARAMS, "influences is missing"},
+    {"weights.reduce", "{\"session\":\"a\",\"influences\":9}", SKD_BAD_PARAMS, "it may be 1 to 8"},
+    {"weights.reduce", "{\"session\":\"a\",\"influences\":4,\"by\":\"size\",\"poses\":[\"p\"]}",
+     SKD_BAD_PARAMS, "poses have no say when it goes by \"size\""},
 };
 
 static void test_what_is_refused(void **state)
@@ -559,13 +757,24 @@ static void test_who_is_answered(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_names_are_all_known), cmocka_unit_test(test_stroke_defaults),
-        cmocka_unit_test(test_stroke_options),      cmocka_unit_test(test_what_is_refused),
-        cmocka_unit_test(test_rig_arrays),          cmocka_unit_test(test_rows_of_slots),
-        cmocka_unit_test(test_arrays_as_json),      cmocka_unit_test(test_whole_numbers_as_json),
-        cmocka_unit_test(test_arrays_as_buffers),   cmocka_unit_test(test_buffers_of_slots),
-        cmocka_unit_test(test_lengths_of_strings),  cmocka_unit_test(test_hello_and_cancel),
+        cmocka_unit_test(test_names_are_all_known),
+        cmocka_unit_test(test_stroke_defaults),
+        cmocka_unit_test(test_stroke_options),
+        cmocka_unit_test(test_what_is_refused),
+        cmocka_unit_test(test_rig_arrays),
+        cmocka_unit_test(test_rows_of_slots),
+        cmocka_unit_test(test_arrays_as_json),
+        cmocka_unit_test(test_whole_numbers_as_json),
+        cmocka_unit_test(test_arrays_as_buffers),
+        cmocka_unit_test(test_buffers_of_slots),
+        cmocka_unit_test(test_lengths_of_strings),
+        cmocka_unit_test(test_hello_and_cancel),
         cmocka_unit_test(test_who_is_answered),
+        cmocka_unit_test(test_stroke_of_every_pose),
+        cmocka_unit_test(test_pins),
+        cmocka_unit_test(test_guard),
+        cmocka_unit_test(test_edits),
+        cmocka_unit_test(test_refit),
     };
     return cmocka_run_group_tests_name("protocol_request", tests, NULL, NULL);
 }

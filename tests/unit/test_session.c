@@ -196,9 +196,21 @@ static enum skd_status try_stroke(struct skd_session *session, struct skd_stroke
 {
     struct skd_stroke stroke = {
         .session = session, .pose = skd_poses_find(&session->poses, "rest"), .input = input};
-    enum skd_status status = skd_stroke_prepare(&stroke, error);
+    enum skd_status status = skd_stroke_claim(&stroke, error);
+    if (status == SKD_OK)
+        status = skd_stroke_prepare(&stroke, error);
     skd_stroke_dismiss(&stroke);
     return status;
+}
+
+static struct skd_stroke_input make_input(const uint32_t *vertices, const float *positions,
+                                          size_t count)
+{
+    return (struct skd_stroke_input){.vertices = vertices,
+                                     .positions = positions,
+                                     .count = count,
+                                     .mix = 1,
+                                     .options = skd_solve_defaults()};
 }
 
 static void stroke_refuses_bad_input(void **state)
@@ -209,7 +221,7 @@ static void stroke_refuses_bad_input(void **state)
     const char *const no_bones[] = {"lower", "tail"};
     const uint32_t outside[] = {5}, twice[] = {1, 2, 1}, good[] = {1, 2};
     float positions[9] = {0};
-    struct skd_stroke_input input = {good, positions, 2, NULL, 0, NULL, 0, skd_solve_defaults()};
+    struct skd_stroke_input input = make_input(good, positions, 2);
     assert_int_equal(try_stroke(session, input, &error), SKD_OK);
     input.vertices = outside, input.count = 1;
     assert_int_equal(try_stroke(session, input, &error), SKD_BAD_INDEX);
@@ -252,13 +264,12 @@ static void stroke_moves_twins_and_is_undone_to_the_bit(void **state)
     const uint32_t vertices[] = {3};
     const float positions[] = {0, 1, 0}; /* on the lower bone */
     struct skd_stroke stroke = {
-        .session = session,
-        .pose = bent,
-        .input = {vertices, positions, 1, NULL, 0, NULL, 0, skd_solve_defaults()}};
+        .session = session, .pose = bent, .input = make_input(vertices, positions, 1)};
+    assert_int_equal(skd_stroke_claim(&stroke, NULL), SKD_OK);
     assert_int_equal(skd_stroke_prepare(&stroke, NULL), SKD_OK);
     assert_int_equal(stroke.step->count, 2);
     skd_stroke_solve(&stroke, 0, 2);
-    skd_stroke_finish(&stroke);
+    assert_int_equal(skd_stroke_finish(&stroke, NULL), SKD_OK);
     skd_session_write(session, stroke.step, false);
     assert_memory_equal(session->weights + 2 * 4, session->weights + 3 * 4, 4 * sizeof(float));
     assert_true(stroke.after.max < stroke.before.max);
@@ -272,11 +283,12 @@ static void stroke_moves_twins_and_is_undone_to_the_bit(void **state)
 
 /* ---- weights that are set ------------------------------------------------------------------ */
 
-static enum skd_status try_setting(const struct skd_session *session, const uint32_t *vertices,
+static enum skd_status try_setting(struct skd_session *session, const uint32_t *vertices,
                                    size_t count, const float *weights, size_t weight_count,
                                    struct skd_error *error)
 {
-    const struct skd_setting setting = {vertices, count, weights, weight_count};
+    const struct skd_setting setting = {
+        .vertices = vertices, .count = count, .weights = weights, .weight_count = weight_count};
     struct skd_step *step = NULL;
     enum skd_status status = skd_setting_prepare(session, &setting, &step, error);
     skd_step_release(step);
@@ -331,7 +343,8 @@ static void setting_keeps_good_rows_and_takes_twins_along(void **state)
     memcpy(before, session->weights, sizeof before);
     const uint32_t vertices[] = {3, 0, 1};
     const float rows[] = {0.3F, 0.7F - 0x1p-25F, 0, 0, 1, 0, 0, 0, 0.75F, 0.2505F, 0, 0};
-    const struct skd_setting setting = {vertices, 3, rows, 12};
+    const struct skd_setting setting = {
+        .vertices = vertices, .count = 3, .weights = rows, .weight_count = 12};
     struct skd_step *step;
     assert_int_equal(skd_setting_prepare(session, &setting, &step, NULL), SKD_OK);
     assert_memory_equal(session->weights, before, sizeof before); /* nothing is written yet */
@@ -358,7 +371,7 @@ static void setting_leaves_twins_alone_that_it_must(void **state)
     join_twins(session);
     const uint32_t both[] = {2, 3};
     const float rows[] = {0.25F, 0.75F, 0, 0, 0.5F, 0.5F, 0, 0};
-    struct skd_setting setting = {both, 2, rows, 8};
+    struct skd_setting setting = {.vertices = both, .count = 2, .weights = rows, .weight_count = 8};
     struct skd_step *step;
     assert_int_equal(skd_setting_prepare(session, &setting, &step, NULL), SKD_OK);
     assert_int_equal(step->count, 2);

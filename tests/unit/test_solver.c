@@ -20,6 +20,7 @@ enum { BONES = 24, SLOTS_MOST = 16, VERTICES_MOST = 20000 };
 struct scene {
     struct skd_solve_batch batch;
     struct skd_solve_options options;
+    struct skd_solve_pose pose;
     uint32_t vertices[VERTICES_MOST];
     float targets[VERTICES_MOST * 3];
     float rest[VERTICES_MOST * 3];
@@ -46,18 +47,19 @@ static struct scene *scene_create(size_t count, int slots)
     assert_non_null(scene);
     scene->options = skd_solve_defaults();
     scene->options.length = 1.0;
+    scene->pose = (struct skd_solve_pose){.matrices = scene->matrices, .targets = scene->targets};
     scene->batch = (struct skd_solve_batch){
         .count = count,
         .slot_count = slots,
         .vertices = scene->vertices,
-        .targets = scene->targets,
+        .pose_count = 1,
+        .poses = &scene->pose,
         .rest = scene->rest,
         .joints = scene->joints,
         .weights = scene->weights,
         .anchor = scene->anchor,
         .vertex_locked = scene->vertex_locked,
         .bone_locked = scene->bone_locked,
-        .matrices = scene->matrices,
         .weights_out = scene->weights_out,
         .residual_before = scene->before,
         .residual_after = scene->after,
@@ -334,9 +336,11 @@ static void bits_do_not_depend_on_the_way(void **state)
                 scene->options.simd = ways[way];
                 for (size_t first = 0; first < count; first += chunk) {
                     struct skd_solve_batch part = scene->batch;
+                    struct skd_solve_pose pose = scene->pose;
                     part.count = count - first < chunk ? count - first : chunk;
                     part.vertices += first;
-                    part.targets += 3 * first;
+                    pose.targets += 3 * first;
+                    part.poses = &pose;
                     part.weights_out += 4 * first;
                     part.residual_before += first;
                     part.residual_after += first;
