@@ -294,7 +294,7 @@ static void prepared(struct skd_call *call)
         skd_call_finish(call);
         return;
     }
-    if (job->stroke.pass == 0)
+    if (job->stroke.pass == job->stroke.first_pass)
         job->solving_ns = uv_hrtime();
     submit_chunks(job);
 }

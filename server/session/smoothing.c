@@ -102,7 +102,9 @@ static void gather(struct skd_stroke *stroke)
         size_t vertex = step->vertices[i], from = vertex * slots, to = i * slots;
         const uint16_t *joints =
             step->joints_after != NULL ? step->joints_after + to : session->joints + from;
-        memcpy(smoothing->rest + 3 * i, session->rest + 3 * vertex, 3 * sizeof(float));
+        memcpy(smoothing->rest + 3 * i,
+               (stroke->rest != NULL ? stroke->rest : session->rest) + 3 * vertex,
+               3 * sizeof(float));
         smoothing->locked[i] = stroke->vertex_locked != NULL && stroke->vertex_locked[vertex];
         memcpy(smoothing->joints + to, joints, slots * sizeof *joints);
         memcpy(smoothing->start_joints + to, start_joints_of(session, from),

@@ -131,6 +131,8 @@ enum skd_status skd_stroke_prepare(struct skd_stroke *stroke, struct skd_error *
     stroke->input.options.length = stroke->session->rig->length;
     stroke->pass_count =
         input->frame_count > 0 && input->slots == SKD_SLOTS_EVIDENCE ? input->rounds : 1;
+    if (input->residual == SKD_RESIDUAL_REST && input->slots == SKD_SLOTS_EVIDENCE)
+        stroke->first_pass = stroke->pass = SKD_PASS_REST_FIRST;
     if ((status = skd_stroke_check(stroke, error)) != SKD_OK ||
         (status = skd_stroke_gather(stroke, error)) != SKD_OK ||
         (status = weigh_evidence(stroke, error)) != SKD_OK ||
@@ -271,6 +273,7 @@ void skd_stroke_dismiss(struct skd_stroke *stroke)
     free(stroke->bone_locked);
     free(stroke->vertex_locked);
     free(stroke->told);
+    free(stroke->rest);
     skd_smoothing_destroy(stroke->smoothing);
     skd_step_release(stroke->step);
     *stroke = (struct skd_stroke){0};

@@ -76,6 +76,11 @@ enum skd_stroke_warning {
         SKD_WARNING_COUNT
 };
 
+/* Before slots are chosen for vertices whose rest positions may move too: both move with the slots
+ * as they are, so that evidence is looked for where vertices will rest. Bones that are chosen for a
+ * wrong rest position stay wrong. */
+enum { SKD_PASS_REST_FIRST = -1 };
+
 /* Targets of a step's vertices in one pose. */
 struct skd_stroke_pose {
     const double *matrices; /* borrowed */
@@ -104,8 +109,10 @@ struct skd_stroke {
     uint8_t *bone_locked;   /* [bones] owned, or NULL */
     uint8_t *vertex_locked; /* [V] owned, or NULL */
     struct skd_smoothing *smoothing; /* owned, or NULL */
-    int pass;                        /* 0 first */
-    int pass_count;
+    float *rest;    /* [V][3] owned: the session's with what SKD_PASS_REST_FIRST moved; or NULL */
+    int pass;       /* first_pass first */
+    int first_pass; /* 0 or SKD_PASS_REST_FIRST */
+    int pass_count; /* passes from 0 on */
     /* filled by skd_stroke_finish */
     struct skd_residual before;
     struct skd_residual after;

@@ -13,7 +13,7 @@
 
 enum { ROUNDS = 40 };
 
-static const double ridge_root = 1e-3; /* eta kappa */
+static const double ridge_root = 1e-3; /* eta */
 static const double reach_growth = 2.0;
 static const double told_apart_least = 1e-3; /* of a weight's effect, what no offset could do */
 

@@ -5,9 +5,9 @@
  *
  * With v the rest position, v_0 where it was, w the weights and B_p = sum_i w_i R_i(p):
  *
- *     E(w, v) = f(w) of solve.h with d_i = M_i [v; 1]  +  (eta kappa)^2 sum_p omega_p |v - v_0|^2
+ *     E(w, v) = f(w) of solve.h with d_i = M_i [v; 1]  +  eta^2 sum_p omega_p |v - v_0|^2
  *
- * with eta kappa = 1e-3 at least. Alternating: the offset that is best for the weights (three
+ * with eta = 1e-3. Alternating: the offset that is best for the weights (three
  * equations), then the weights that are best for the offset, 40 rounds (ten are too few), each
  * followed by a look further along the same way.
  *

@@ -231,14 +231,15 @@ def unreachable(link, size: float = 0.03) -> tuple:
         vertices].astype(np.float32) for pose, angle in ANGLES.items()}
 
 
-def test_rest_positions_take_what_weights_cannot(link) -> None:
+@pytest.mark.parametrize("slots", ["keep", "evidence"])
+def test_rest_positions_take_what_weights_cannot(link, slots) -> None:
     vertices, targets = unreachable(link)
     with pytest.raises(SkindError, match="second pose") as caught:
         stroke(link, vertices, targets["bent"], residual="rest")
     assert caught.value.name == "unsupported"
     before = rows(link), posed(link, "rest").tobytes()
     stroke(link, vertices, targets["bent"])
-    answer = stroke(link, vertices, targets["back"], "back", residual="rest")
+    answer = stroke(link, vertices, targets["back"], "back", residual="rest", slots=slots)
     assert 0 < answer["rest_moved"] <= len(vertices)
     length = link.call("session.info", {"session": "sheet"})["length"]
     for pose in ("bent", "back", "far"):
