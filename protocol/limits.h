@@ -24,10 +24,11 @@ enum {
     SKD_POSE_NAME_BYTES_MAX = 64,
     SKD_CLIENT_NAME_BYTES_MAX = 64,
     SKD_PATH_BYTES_MAX = 4096,
-    SKD_SESSIONS_MAX = 64,     /* open at once in a daemon */
-    SKD_POSES_MAX = 1024,      /* of one session */
-    SKD_GUARD_COUNT_MAX = 64,  /* guard poses that a session keeps */
-    SKD_GUARD_NAMES_MAX = 256, /* poses, or clips, that guard.set names to pick from */
+    SKD_SESSIONS_MAX = 64,      /* open at once in a daemon */
+    SKD_POSES_MAX = 1024,       /* of one session */
+    SKD_TARGET_POSES_MAX = 256, /* in which a session has pins, or shapes; of one refit */
+    SKD_GUARD_COUNT_MAX = 64,   /* guard poses that a session keeps */
+    SKD_GUARD_NAMES_MAX = 256,  /* poses, or clips, that guard.set names to pick from */
     SKD_REFIT_ROUNDS_MAX = 16,
     SKD_CONNECTIONS_MAX = 1200,
     SKD_REQUESTS_MAX = 64, /* unanswered, of one connection; then its bytes wait */

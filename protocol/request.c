@@ -265,7 +265,7 @@ static const struct skd_field refit_fields[] = {
      .kind = SKD_FIELD_NAMES,
      .is_required = true,
      .low = 1,
-     .high = SKD_POSES_MAX,
+     .high = SKD_TARGET_POSES_MAX,
      AT(stroke, poses),
      .count_offset = offsetof(struct skd_stroke_params, pose_count)},
     REQUIRED_ARRAY(stroke, "positions", positions, SKD_F32, 3),

@@ -86,7 +86,7 @@ struct skd_stroke_params {
     const char *session;
     const char *pose;          /* stroke.apply, pins.solve */
     const char **poses;        /* session.refit: names, owned by the request */
-    size_t pose_count;         /* session.refit: 1 to SKD_POSES_MAX */
+    size_t pose_count;         /* session.refit: 1 to SKD_TARGET_POSES_MAX */
     int rounds;                /* session.refit: 1 to SKD_REFIT_ROUNDS_MAX */
     struct skd_array vertices; /* u32 [n]; pins.solve: not given, all that are pinned */
     bool vertices_given;

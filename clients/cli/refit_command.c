@@ -19,7 +19,6 @@
 #include <string.h>
 
 enum {
-    POSES_OWN = 64,          /* poses that a session may have besides */
     MESSAGE_BYTES = 1 << 20, /* of a request beside its positions; more than any has */
 };
 
@@ -161,7 +160,7 @@ static enum skd_status read_cache(struct refit *refit, struct skd_error *error)
     const struct skd_pc2_wanted wanted = {
         .points = model->vertex_count,
         .step = (size_t)options.step,
-        .count_most = fitting < SKD_POSES_MAX - POSES_OWN ? fitting : SKD_POSES_MAX - POSES_OWN,
+        .count_most = fitting < SKD_TARGET_POSES_MAX ? fitting : SKD_TARGET_POSES_MAX,
     };
     status = skd_pc2_read(options.positions, &wanted, &refit->cache, error);
     return status == SKD_OK ? check_times(refit, duration, error) : status;

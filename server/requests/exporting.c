@@ -12,7 +12,7 @@
 /* The corrective shapes as the exporter wants them: lists of the caller's to free. */
 struct shapes {
     size_t count;
-    struct skd_export_shape items[SKD_SHEETS_MAX];
+    struct skd_export_shape items[SKD_TARGET_POSES_MAX];
 };
 
 static void finish(struct shapes *shapes)

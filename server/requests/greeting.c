@@ -33,6 +33,9 @@ static void add_limits(cJSON *result)
     cJSON_AddNumberToObject(limits, "bones", SKD_BONES_MAX);
     cJSON_AddNumberToObject(limits, "sessions", SKD_SESSIONS_MAX);
     cJSON_AddNumberToObject(limits, "poses", SKD_POSES_MAX);
+    cJSON_AddNumberToObject(limits, "target_poses", SKD_TARGET_POSES_MAX);
+    cJSON_AddNumberToObject(limits, "guard_poses", SKD_GUARD_COUNT_MAX);
+    cJSON_AddNumberToObject(limits, "refit_rounds", SKD_REFIT_ROUNDS_MAX);
     cJSON_AddNumberToObject(limits, "connections", SKD_CONNECTIONS_MAX);
     cJSON_AddNumberToObject(limits, "requests", SKD_REQUESTS_MAX);
 }

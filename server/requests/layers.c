@@ -11,7 +11,7 @@
 /* One kind of sheets, and which of them belong to what their pose's name stands for now. */
 struct layers {
     const struct skd_sheets *sheets;
-    bool is_current[SKD_SHEETS_MAX];
+    bool is_current[SKD_TARGET_POSES_MAX];
 };
 
 static void look_up(const struct skd_session *session, struct layers *layers)

@@ -62,10 +62,10 @@ enum skd_status skd_sheets_need(struct skd_sheets *sheets, struct skd_pose *pose
                                 struct skd_sheet **result, struct skd_error *error)
 {
     struct skd_sheet *sheet = skd_sheets_find(sheets, pose);
-    if (sheet == NULL && sheets->count == SKD_SHEETS_MAX)
+    if (sheet == NULL && sheets->count == SKD_TARGET_POSES_MAX)
         return skd_fail(error, SKD_TOO_LARGE,
                         "the session has targets in %d poses already; clear the pins of some",
-                        SKD_SHEETS_MAX);
+                        SKD_TARGET_POSES_MAX);
     if (sheet == NULL) {
         sheet = calloc(1, sizeof *sheet);
         if (sheet == NULL)

@@ -16,7 +16,6 @@
 enum {
     SKD_PIN_NUMBERS = 4,
     SKD_SHAPE_NUMBERS = 3,
-    SKD_SHEETS_MAX = 256, /* of one kind: poses that a session has targets in */
 };
 
 struct skd_sheet {
@@ -35,7 +34,7 @@ struct skd_sheets {
     size_t vertex_count;
     size_t bone_count;
     size_t count;
-    struct skd_sheet *items[SKD_SHEETS_MAX];
+    struct skd_sheet *items[SKD_TARGET_POSES_MAX];
 };
 
 void skd_sheets_init(struct skd_sheets *sheets, int width, float blank, size_t vertex_count,
@@ -47,7 +46,7 @@ size_t skd_sheets_bytes(const struct skd_sheets *sheets);
 struct skd_sheet *skd_sheets_find(const struct skd_sheets *sheets, const struct skd_pose *pose);
 
 /* The same, made where there is none (on the loop: it holds the pose). An unused sheet is told to
- * nobody, so making one changes nothing. Errors: SKD_TOO_LARGE past SKD_SHEETS_MAX, SKD_NO_MEMORY.
+ * nobody, so making one changes nothing. Errors: SKD_TOO_LARGE past SKD_TARGET_POSES_MAX, SKD_NO_MEMORY.
  */
 SKD_MUST_CHECK enum skd_status skd_sheets_need(struct skd_sheets *sheets, struct skd_pose *pose,
                                                struct skd_sheet **sheet, struct skd_error *error);

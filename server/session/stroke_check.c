@@ -34,6 +34,7 @@ static enum skd_status check_frames(const struct skd_stroke *stroke, struct skd_
 {
     const struct skd_stroke_input *input = &stroke->input;
     size_t vertex_count = stroke->session->rig->mesh.vertex_count;
+    SKD_ASSERT(input->frame_count <= SKD_TARGET_POSES_MAX);
     if (input->count != input->frame_count * vertex_count)
         return skd_fail(error, SKD_COUNT_MISMATCH,
                         "positions has %zu rows; send %zu (the vertices of session \"%s\") for "

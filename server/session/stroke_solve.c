@@ -105,7 +105,7 @@ static void for_pieces(struct skd_stroke *stroke, const struct skd_solve_batch *
 void skd_stroke_solve(struct skd_stroke *stroke, size_t first, size_t count)
 {
     struct skd_step *step = stroke->step;
-    struct skd_solve_pose poses[SKD_SHEETS_MAX + 1];
+    struct skd_solve_pose poses[SKD_TARGET_POSES_MAX + 1];
     struct skd_solve_batch batch = skd_stroke_batch(stroke);
     bool is_last = stroke->pass + 1 >= stroke->pass_count;
     if (stroke->pass == stroke->first_pass)

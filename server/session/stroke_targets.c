@@ -271,7 +271,8 @@ static enum skd_status gather_strokes(struct skd_stroke *stroke, struct skd_erro
 
 enum skd_status skd_stroke_gather(struct skd_stroke *stroke, struct skd_error *error)
 {
-    size_t most = stroke->input.frame_count > 0 ? stroke->input.frame_count : SKD_SHEETS_MAX + 1;
+    size_t most =
+        stroke->input.frame_count > 0 ? stroke->input.frame_count : SKD_TARGET_POSES_MAX + 1;
     stroke->poses = calloc(most, sizeof *stroke->poses);
     if (stroke->poses == NULL)
         return no_memory(error);

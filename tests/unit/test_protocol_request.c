@@ -241,16 +241,16 @@ static void test_refit(void **state)
     assert_int_equal(refit->rounds, 3);
     assert_true(isnan(refit->stiffness) && refit->guard == 0 && refit->mix == 1);
     skd_request_finish(&request);
-    /* One name more than a session has poses. */
-    static char params[8 * SKD_POSES_MAX + 256];
-    for (int count = SKD_POSES_MAX; count <= SKD_POSES_MAX + 1; count++) {
+    /* One name more than a refit may have. */
+    static char params[8 * SKD_TARGET_POSES_MAX + 256];
+    for (int count = SKD_TARGET_POSES_MAX; count <= SKD_TARGET_POSES_MAX + 1; count++) {
         int used =
             snprintf(params, sizeof params, "{\"session\":\"a\",\"positions\":[],\"poses\":[\"p\"");
         for (int i = 1; i < count; i++)
             used += snprintf(params + used, sizeof params - (size_t)used, ",\"p\"");
         (void)snprintf(params + used, sizeof params - (size_t)used, "]}");
         assert_int_equal(decode(&request, "session.refit", params),
-                         count <= SKD_POSES_MAX ? SKD_OK : SKD_BAD_PARAMS);
+                         count <= SKD_TARGET_POSES_MAX ? SKD_OK : SKD_BAD_PARAMS);
         skd_request_finish(&request);
     }
 }
@@ -378,7 +378,7 @@ static const struct {
     {"guard.set", "{\"session\":\"a\",\"count\":65}", SKD_BAD_PARAMS, "it may be 1 to 64"},
     {"guard.set", "{\"session\":\"a\",\"clips\":\"walk\"}", SKD_BAD_PARAMS, "list of strings"},
     {"session.refit", "{\"session\":\"a\",\"poses\":[],\"positions\":[]}", SKD_BAD_PARAMS,
-     "poses has 0 names; it may have 1 to 1024"},
+     "poses has 0 names; it may have 1 to 256"},
     {"session.refit", "{\"session\":\"a\",\"poses\":[\"p\",\"q\"],\"positions\":[1,2,3]}",
      SKD_COUNT_MISMATCH,
      "positions has 1 rows for 2 poses; send one position a vertex for each pose"},

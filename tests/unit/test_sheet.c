@@ -107,13 +107,13 @@ static void sheets_have_a_limit(void **state)
     struct skd_sheets sheets;
     struct skd_sheet *sheet;
     skd_sheets_init(&sheets, SKD_PIN_NUMBERS, -1, 10, BONES);
-    for (int i = 0; i <= SKD_SHEETS_MAX; i++) {
+    for (int i = 0; i <= SKD_TARGET_POSES_MAX; i++) {
         struct skd_pose *pose = make_pose("p", i);
         enum skd_status status = skd_sheets_need(&sheets, pose, &sheet, &error);
-        assert_int_equal(status, i < SKD_SHEETS_MAX ? SKD_OK : SKD_TOO_LARGE);
+        assert_int_equal(status, i < SKD_TARGET_POSES_MAX ? SKD_OK : SKD_TOO_LARGE);
         skd_pose_release(pose);
     }
-    assert_int_equal(sheets.count, SKD_SHEETS_MAX);
+    assert_int_equal(sheets.count, SKD_TARGET_POSES_MAX);
     skd_sheets_finish(&sheets);
 }
 
