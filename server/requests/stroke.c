@@ -172,8 +172,6 @@ static enum skd_status answer(struct skd_call *call, struct skd_error *error)
     if (status != SKD_OK)
         return status;
     reply->body = describe(job, revision);
-    if (job->stroke.told == NULL)
-        return SKD_OK;
     reply->arrays[0] =
         (struct skd_array_out){"residuals", SKD_F32, job->stroke.told_count, 0, job->stroke.told};
     reply->array_count = 1;

@@ -197,8 +197,15 @@ static bool follows_request(const struct skd_stroke *stroke)
             memcmp(input->vertices, step->vertices, step->count * sizeof *step->vertices) == 0);
 }
 
-/* Residuals in the request's order; where pins are solved, by rising vertices. A vertex that the
- * mask kept out is where it was asked to be. */
+/* Whether the request named vertices in an order of its own; else residuals are told by rising
+ * ones. */
+static bool has_order(const struct skd_stroke *stroke)
+{
+    return !stroke->input.solves_pins && stroke->input.frame_count == 0;
+}
+
+/* Residuals in the request's order or by rising vertices. A vertex that the mask kept out is where
+ * it was asked to be. */
 static void tell_in_order(struct skd_stroke *stroke, float *of_vertex)
 {
     const struct skd_stroke_input *input = &stroke->input;
@@ -208,19 +215,19 @@ static void tell_in_order(struct skd_stroke *stroke, float *of_vertex)
         of_vertex[v] = -1;
     for (size_t i = 0; i < step->count; i++)
         of_vertex[step->vertices[i]] = (float)distance_of(stroke->residual_after[i]);
-    for (size_t v = 0; v < vertex_count && input->solves_pins; v++) {
+    for (size_t v = 0; v < vertex_count && !has_order(stroke); v++) {
         if (of_vertex[v] >= 0)
             stroke->told[told++] = of_vertex[v];
     }
-    for (size_t i = 0; i < input->count && !input->solves_pins; i++)
+    for (size_t i = 0; i < input->count && has_order(stroke); i++)
         stroke->told[i] = fmaxf(of_vertex[input->vertices[i]], 0);
 }
 
 static enum skd_status tell_residuals(struct skd_stroke *stroke, struct skd_error *error)
 {
     const struct skd_stroke_input *input = &stroke->input;
-    size_t count = stroke->told_count = input->solves_pins ? stroke->step->count : input->count;
-    bool direct = follows_request(stroke);
+    size_t count = stroke->told_count = has_order(stroke) ? input->count : stroke->step->count;
+    bool direct = has_order(stroke) && follows_request(stroke);
     float *of_vertex = NULL;
     stroke->told = malloc(count * sizeof *stroke->told + 1);
     if (!direct)
@@ -254,7 +261,7 @@ enum skd_status skd_stroke_finish(struct skd_stroke *stroke, struct skd_error *e
     stroke->shaped = count_shaped(step);
     for (size_t i = 0; i < count && stroke->doubtful != NULL; i++)
         stroke->warnings[SKD_WARNING_REST_DOUBTFUL] += stroke->doubtful[i] != 0;
-    return stroke->pose != NULL ? tell_residuals(stroke, error) : SKD_OK;
+    return tell_residuals(stroke, error);
 }
 
 void skd_stroke_dismiss(struct skd_stroke *stroke)

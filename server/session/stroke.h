@@ -123,8 +123,9 @@ struct skd_stroke {
     size_t rest_moved;
     size_t shaped;
     size_t warnings[SKD_WARNING_COUNT];
-    float *told;       /* [told_count] residuals in the order of the request's vertices, owned */
-    size_t told_count; /* 0 for a refit */
+    float
+        *told; /* [told_count] residuals in the order of the request's vertices, or rising; owned */
+    size_t told_count;
 };
 
 const char *skd_stroke_warning_name(enum skd_stroke_warning warning);

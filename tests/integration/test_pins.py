@@ -313,6 +313,10 @@ def test_a_refit_finds_the_weights_of_a_clip_of_meshes(daemon) -> None:
         answer = link.call("session.refit", {"session": "sheet", "poses": names[:4],
                                              "positions": np.concatenate(frames[:4])})
         assert answer["vertices"] == count and answer["poses"] == 4
+        left = [link.call("pose.evaluate", {"session": "sheet", "pose": name})["positions"] - frame
+                for name, frame in zip(names[:4], frames[:4])]
+        np.testing.assert_allclose(answer["residuals"],
+                                   np.sqrt((np.stack(left) ** 2).sum(2).mean(0)), atol=1e-6)
         shown = link.call("pose.evaluate", {"session": "sheet", "pose": names[4]})["positions"]
         assert np.sqrt(((shown - frames[4]) ** 2).sum(1).mean()) < 1e-3
         link.call("history.undo", {"session": "sheet"})
