@@ -10,6 +10,7 @@
 #include "requests/live.h"
 #include "rig/gltf.h"
 #include "rig/rig_build.h"
+#include "session/creation.h"
 
 #include <ctype.h>
 #include <stdio.h>

@@ -5,6 +5,7 @@
 #include "requests/handlers.h"
 
 #include "requests/named_poses.h"
+#include "session/guard_choice.h"
 
 #include <stdlib.h>
 

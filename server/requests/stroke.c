@@ -14,7 +14,7 @@
 #include "requests/handlers.h"
 
 #include "requests/updates.h"
-#include "session/stroke.h"
+#include "session/stroke_run.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -23,8 +23,9 @@ SKD_MUST_CHECK enum skd_status skd_pin_edit_prepare(struct skd_session *session,
                                                     struct skd_step **step, size_t *vertices,
                                                     struct skd_error *error);
 
-/* Adds to a step that its vertices' pins go, in every pose: of weights that were not solved for, pins
- * do not tell any more, and would take them back with the next stroke. Errors: SKD_NO_MEMORY. */
+/* Adds to a step that its vertices' pins go, in every pose: of weights that were not solved for,
+ * pins do not tell any more, and would take them back with the next stroke. Errors: SKD_NO_MEMORY.
+ */
 SKD_MUST_CHECK enum skd_status skd_pins_forget(struct skd_session *session, struct skd_step *step,
                                                struct skd_error *error);
 

@@ -32,9 +32,9 @@ struct skd_session {
     float *anchor;    /* [V][N] the weights at revision 0, laid out by `joints` */
     float *rest;      /* [V][3] the rig's own, or a copy since a step moved it */
     /* What vertices had at revision 0; NULL while `joints` and `anchor` still tell. */
-    uint16_t *start_joints;  /* [V][N] */
-    float *start_weights;    /* [V][N] */
-    uint8_t *hops;           /* [B][B], once a stroke has chosen slots */
+    uint16_t *start_joints;   /* [V][N] */
+    float *start_weights;     /* [V][N] */
+    uint8_t *hops;            /* [B][B], once a stroke has chosen slots */
     struct skd_guards guards; /* poses to keep */
     struct skd_sheets pins;
     struct skd_sheets shapes;
@@ -48,20 +48,6 @@ struct skd_session {
 };
 
 /* What becomes of influences beyond the slots (session/reduction.h). */
-enum skd_cut { SKD_CUT_REFUSE, SKD_CUT_LARGEST, SKD_CUT_POSED };
-
-struct skd_session_options {
-    int slot_count;
-    enum skd_fill fill;
-    enum skd_cut cut;
-};
-
-/* Makes a session from a rig and its influences: chooses slots, sets the anchor, adds the pose
- * "rest". Takes the rig over, also on failure. Errors: SKD_TOO_MANY_INFLUENCES, SKD_NO_MEMORY. */
-SKD_MUST_CHECK enum skd_status
-skd_session_create(struct skd_rig *rig, const struct skd_influences *influences, const char *source,
-                   const struct skd_session_options *options, struct skd_session **session,
-                   struct skd_error *error);
 void skd_session_destroy(struct skd_session *session); /* NULL is fine */
 
 /* Before a step that changes slots or rest positions: keeps what was at the start, so that writing

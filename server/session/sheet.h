@@ -46,7 +46,8 @@ size_t skd_sheets_bytes(const struct skd_sheets *sheets);
 struct skd_sheet *skd_sheets_find(const struct skd_sheets *sheets, const struct skd_pose *pose);
 
 /* The same, made where there is none (on the loop: it holds the pose). An unused sheet is told to
- * nobody, so making one changes nothing. Errors: SKD_TOO_LARGE past SKD_TARGET_POSES_MAX, SKD_NO_MEMORY.
+ * nobody, so making one changes nothing. Errors: SKD_TOO_LARGE past SKD_TARGET_POSES_MAX,
+ * SKD_NO_MEMORY.
  */
 SKD_MUST_CHECK enum skd_status skd_sheets_need(struct skd_sheets *sheets, struct skd_pose *pose,
                                                struct skd_sheet **sheet, struct skd_error *error);

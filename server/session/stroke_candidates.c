@@ -1,8 +1,8 @@
-/* Which bones a stroke's vertices may choose from; see stroke_solve.h.
+/* Which bones a stroke's vertices may choose from; see stroke_candidates.h.
  *
  * Stage: job, before the solve. Thread: a worker.
  */
-#include "session/stroke_solve.h"
+#include "session/stroke_candidates.h"
 
 #include "solver/candidates.h"
 

@@ -1,10 +1,11 @@
-/* The stiffness of a stroke from its own targets; see stroke_solve.h.
+/* The stiffness of a stroke from its own targets; see stroke_stiffness.h.
  *
  * Stage: job -> [pure solve]. Thread: a worker. A sample of the vertices is solved with next to no
  * stiffness, in the way that all will be: what is left then is noise, or out of reach.
  */
-#include "session/stroke_solve.h"
+#include "session/stroke_stiffness.h"
 
+#include "session/stroke_batch.h"
 #include "solver/candidates.h"
 #include "solver/rest.h"
 #include "solver/stiffness.h"

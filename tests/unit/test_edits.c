@@ -2,7 +2,8 @@
  * are weighed and cleared, and poses that are picked; on rigs made here. */
 #include "rig/rig_build.h"
 #include "session/bone_pairs.h"
-#include "session/guards.h"
+#include "session/creation.h"
+#include "session/guard_choice.h"
 #include "session/mirror.h"
 #include "session/nearest.h"
 #include "session/pin_edit.h"

@@ -1,8 +1,9 @@
 /* The session room: seams, history and a stroke's checks, on rigs made here. */
 #include "rig/rig_build.h"
+#include "session/creation.h"
 #include "session/seams.h"
 #include "session/setting.h"
-#include "session/stroke.h"
+#include "session/stroke_run.h"
 
 #include <math.h>
 #include <setjmp.h>

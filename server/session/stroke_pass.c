@@ -1,57 +1,14 @@
-/* See stroke_solve.h; and skd_stroke_solve of stroke.h. */
-#include "session/stroke_solve.h"
+/* See stroke_pass.h. */
+#include "session/stroke_pass.h"
 
 #include "session/smoothing.h"
+#include "session/stroke_batch.h"
+#include "session/stroke_candidates.h"
 #include "session/stroke_outcome.h"
 #include "solver/candidates.h"
-#include "solver/evidence.h"
 
 #include <stdlib.h>
 #include <string.h>
-
-struct skd_solve_batch skd_stroke_batch(const struct skd_stroke *stroke)
-{
-    const struct skd_session *session = stroke->session;
-    return (struct skd_solve_batch){
-        .slot_count = session->slot_count,
-        .pose_count = stroke->pose_count,
-        .rest = stroke->rest != NULL ? stroke->rest : session->rest,
-        .joints = session->joints,
-        .weights = session->weights,
-        .anchor = session->anchor,
-        .start_joints = session->start_joints,
-        .start_weights = session->start_weights,
-        .guard = session->guards.factors,
-        .vertex_locked = stroke->vertex_locked,
-        .bone_locked = stroke->bone_locked,
-    };
-}
-
-void skd_stroke_solve_evidence(const struct skd_stroke *stroke, const struct skd_solve_batch *batch,
-                               const uint16_t *candidates, uint16_t *joints)
-{
-    const struct skd_rig *rig = stroke->session->rig;
-    const struct skd_evidence_bones bones = {
-        .bone_count = rig->skeleton.bone_count,
-        .bone_skin = rig->skeleton.skins,
-        .vertex_skin = rig->mesh.skins,
-        .lists = candidates,
-    };
-    skd_evidence_solve(batch, &stroke->input.options, &bones, joints);
-}
-
-/* The poses' targets from item `first` on; `poses` has room for stroke->pose_count. */
-static void point_poses(const struct skd_stroke *stroke, size_t first, struct skd_solve_pose *poses)
-{
-    for (int p = 0; p < stroke->pose_count; p++) {
-        const struct skd_stroke_pose *from = &stroke->poses[p];
-        poses[p] = (struct skd_solve_pose){
-            .matrices = from->matrices,
-            .targets = from->targets + 3 * first,
-            .strengths = from->strengths != NULL ? from->strengths + first : NULL,
-        };
-    }
-}
 
 /* The rows as they are before the stroke: what undo goes back to. */
 static void copy_before(const struct skd_stroke *stroke, size_t first, size_t count)
@@ -97,7 +54,7 @@ static void for_pieces(struct skd_stroke *stroke, const struct skd_solve_batch *
         size_t left = batch->count - at;
         piece.count = left < SKD_PIECE_VERTICES ? left : SKD_PIECE_VERTICES;
         piece.vertices += at;
-        point_poses(stroke, first + at, poses);
+        skd_stroke_point_poses(stroke, first + at, poses);
         stage(stroke, &piece, first + at);
     }
 }
@@ -110,7 +67,7 @@ void skd_stroke_solve(struct skd_stroke *stroke, size_t first, size_t count)
     bool is_last = stroke->pass + 1 >= stroke->pass_count;
     if (stroke->pass == stroke->first_pass)
         copy_before(stroke, first, count);
-    point_poses(stroke, first, poses);
+    skd_stroke_point_poses(stroke, first, poses);
     batch.count = count;
     batch.vertices = step->vertices + first;
     batch.poses = poses;

@@ -1,0 +1,261 @@
+/* See stroke_run.h. */
+#include "session/stroke_run.h"
+
+#include "session/pose_spread.h"
+#include "session/smoothing.h"
+#include "session/stroke_candidates.h"
+#include "session/stroke_check.h"
+#include "session/stroke_stiffness.h"
+#include "session/stroke_targets.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* A vertex that ends farther than this share of L from its target counts as unreached. */
+static const double REACH_PER_LENGTH = 1e-3;
+
+enum skd_status skd_stroke_claim(struct skd_stroke *stroke, struct skd_error *error)
+{
+    struct skd_session *session = stroke->session;
+    const struct skd_stroke_input *input = &stroke->input;
+    enum skd_status status = SKD_OK;
+    if (stroke->pose == NULL)
+        return SKD_OK;
+    bool keeps = input->pin != SKD_PIN_NONE && input->options.method != SKD_METHOD_THESIS;
+    if (input->solves_pins)
+        stroke->pins = skd_sheets_find(&session->pins, stroke->pose);
+    else if (keeps)
+        status = skd_sheets_need(&session->pins, stroke->pose, &stroke->pins, error);
+    if (status != SKD_OK)
+        return status;
+    if (input->residual == SKD_RESIDUAL_SHAPE)
+        return skd_sheets_need(&session->shapes, stroke->pose, &stroke->shape, error);
+    stroke->shape = skd_sheets_find(&session->shapes, stroke->pose);
+    return SKD_OK;
+}
+
+/* How many targets a vertex of the step has. */
+static int count_targets(const struct skd_stroke *stroke, size_t item)
+{
+    int count = 0;
+    for (int p = 0; p < stroke->pose_count; p++) {
+        const float *strengths = stroke->poses[p].strengths;
+        count += strengths == NULL || strengths[item] > 0.0f;
+    }
+    return count;
+}
+
+/* What is known of the poses once they are gathered. */
+static enum skd_status weigh_evidence(struct skd_stroke *stroke, struct skd_error *error)
+{
+    size_t single = 0, count = stroke->step->count;
+    for (size_t i = 0; i < count; i++) {
+        int targets = count_targets(stroke, i);
+        single += targets < 2;
+        stroke->most_poses = targets > stroke->most_poses ? targets : stroke->most_poses;
+    }
+    if (stroke->input.slots == SKD_SLOTS_EVIDENCE && stroke->most_poses > 1)
+        stroke->warnings[SKD_WARNING_POSES_ALIKE] = skd_pose_spread_count_still(stroke);
+    if (stroke->input.residual != SKD_RESIDUAL_REST || count == 0)
+        return SKD_OK;
+    if (single == count)
+        return skd_fail(error, SKD_UNSUPPORTED,
+                        "rest positions cannot be told from one pose, and none of these vertices "
+                        "has a target in another; sculpt them in a second pose, or use residual "
+                        "\"shape\"");
+    stroke->warnings[SKD_WARNING_REST_ONE_POSE] = single;
+    return SKD_OK;
+}
+
+/* Room for what the solve writes beside weights, and what it reads beside targets. */
+static enum skd_status make_room(struct skd_stroke *stroke, struct skd_error *error)
+{
+    struct skd_session *session = stroke->session;
+    struct skd_step *step = stroke->step;
+    size_t count = step->count;
+    enum skd_status status = SKD_OK;
+    stroke->residual_before = malloc(count * sizeof(float) + 1);
+    stroke->residual_after = malloc(count * sizeof(float) + 1);
+    if (stroke->residual_before == NULL || stroke->residual_after == NULL)
+        return skd_fail_memory(error, "the stroke's weights");
+    if (stroke->input.slots == SKD_SLOTS_EVIDENCE &&
+        ((status = skd_step_add_joints(step, error)) != SKD_OK ||
+         (status = skd_session_keep_start(session, error)) != SKD_OK))
+        return status;
+    if (stroke->input.residual == SKD_RESIDUAL_REST &&
+        ((status = skd_step_add_rest(step, error)) != SKD_OK ||
+         (status = skd_session_own_rest(session, error)) != SKD_OK))
+        return status;
+    if (stroke->input.residual == SKD_RESIDUAL_REST &&
+        (stroke->doubtful = calloc(count + 1, 1)) == NULL)
+        return skd_fail_memory(error, "the rest positions of the stroke's vertices");
+    if (stroke->shape == NULL || count == 0)
+        return SKD_OK;
+    step->shape =
+        skd_sheet_change_create(&session->shapes, stroke->shape, step->vertices, count, error);
+    return step->shape != NULL ? SKD_OK : SKD_NO_MEMORY;
+}
+
+enum skd_status skd_stroke_prepare(struct skd_stroke *stroke, struct skd_error *error)
+{
+    const struct skd_stroke_input *input = &stroke->input;
+    enum skd_status status;
+    stroke->input.options.length = stroke->session->rig->length;
+    stroke->pass_count =
+        input->frame_count > 0 && input->slots == SKD_SLOTS_EVIDENCE ? input->rounds : 1;
+    if (input->residual == SKD_RESIDUAL_REST && input->slots == SKD_SLOTS_EVIDENCE)
+        stroke->first_pass = stroke->pass = SKD_PASS_REST_FIRST;
+    if ((status = skd_stroke_check(stroke, error)) != SKD_OK ||
+        (status = skd_stroke_gather(stroke, error)) != SKD_OK ||
+        (status = weigh_evidence(stroke, error)) != SKD_OK ||
+        (status = make_room(stroke, error)) != SKD_OK)
+        return status;
+    if (input->slots == SKD_SLOTS_EVIDENCE &&
+        (status = skd_stroke_find_candidates(stroke, error)) != SKD_OK)
+        return status;
+    if (input->choose_stiffness && (status = skd_stroke_choose_stiffness(stroke, error)) != SKD_OK)
+        return status;
+    if (input->options.smooth > 0.0)
+        return skd_smoothing_create(stroke, error);
+    return SKD_OK;
+}
+
+/* Where numbers near the end of their range were posed or asked for, a distance overflows. It is
+ * told as the largest that there is, because JSON knows none beyond. */
+static double distance_of(float residual)
+{
+    return isfinite(residual) ? (double)residual : (double)FLT_MAX;
+}
+
+static struct skd_residual summarise(const float *residuals, size_t count)
+{
+    struct skd_residual residual = {0, 0};
+    for (size_t i = 0; i < count; i++) {
+        double distance = distance_of(residuals[i]);
+        residual.mean += distance;
+        residual.max = fmax(residual.max, distance);
+    }
+    if (count > 0)
+        residual.mean /= (double)count;
+    return residual;
+}
+
+/* Vertices of the step whose rows of a pair differ. */
+static size_t count_changed(size_t count, const void *before, const void *after, size_t row_bytes)
+{
+    size_t changed = 0;
+    for (size_t i = 0; i < count && after != NULL; i++)
+        changed += memcmp((const char *)before + i * row_bytes, (const char *)after + i * row_bytes,
+                          row_bytes) != 0;
+    return changed;
+}
+
+static size_t count_shaped(const struct skd_step *step)
+{
+    static const float none[SKD_SHAPE_NUMBERS] = {0};
+    size_t shaped = 0;
+    for (size_t i = 0; step->shape != NULL && i < step->count; i++)
+        shaped += memcmp(step->shape->after + SKD_SHAPE_NUMBERS * i, none, sizeof none) != 0;
+    return shaped;
+}
+
+/* Whether the step's vertices are the request's, in their order. */
+static bool follows_request(const struct skd_stroke *stroke)
+{
+    const struct skd_stroke_input *input = &stroke->input;
+    const struct skd_step *step = stroke->step;
+    return input->count == step->count &&
+           (step->count == 0 ||
+            memcmp(input->vertices, step->vertices, step->count * sizeof *step->vertices) == 0);
+}
+
+/* Whether the request named vertices in an order of its own; else residuals are told by rising
+ * ones. */
+static bool has_order(const struct skd_stroke *stroke)
+{
+    return !stroke->input.solves_pins && stroke->input.frame_count == 0;
+}
+
+/* Residuals in the request's order or by rising vertices. A vertex that the mask kept out is where
+ * it was asked to be. */
+static void tell_in_order(struct skd_stroke *stroke, float *of_vertex)
+{
+    const struct skd_stroke_input *input = &stroke->input;
+    const struct skd_step *step = stroke->step;
+    size_t vertex_count = stroke->session->rig->mesh.vertex_count, told = 0;
+    for (size_t v = 0; v < vertex_count; v++)
+        of_vertex[v] = -1;
+    for (size_t i = 0; i < step->count; i++)
+        of_vertex[step->vertices[i]] = (float)distance_of(stroke->residual_after[i]);
+    for (size_t v = 0; v < vertex_count && !has_order(stroke); v++) {
+        if (of_vertex[v] >= 0)
+            stroke->told[told++] = of_vertex[v];
+    }
+    for (size_t i = 0; i < input->count && has_order(stroke); i++)
+        stroke->told[i] = fmaxf(of_vertex[input->vertices[i]], 0);
+}
+
+static enum skd_status tell_residuals(struct skd_stroke *stroke, struct skd_error *error)
+{
+    const struct skd_stroke_input *input = &stroke->input;
+    size_t count = stroke->told_count = has_order(stroke) ? input->count : stroke->step->count;
+    bool direct = has_order(stroke) && follows_request(stroke);
+    float *of_vertex = NULL;
+    stroke->told = malloc(count * sizeof *stroke->told + 1);
+    if (!direct)
+        of_vertex = malloc(stroke->session->rig->mesh.vertex_count * sizeof *of_vertex);
+    if (stroke->told == NULL || (!direct && of_vertex == NULL)) {
+        free(of_vertex);
+        return skd_fail_memory(error, "the residuals");
+    }
+    for (size_t i = 0; i < count && direct; i++)
+        stroke->told[i] = (float)distance_of(stroke->residual_after[i]);
+    if (!direct)
+        tell_in_order(stroke, of_vertex);
+    free(of_vertex);
+    return SKD_OK;
+}
+
+enum skd_status skd_stroke_finish(struct skd_stroke *stroke, struct skd_error *error)
+{
+    const struct skd_step *step = stroke->step;
+    size_t count = step->count, slots = (size_t)step->slot_count;
+    stroke->before = summarise(stroke->residual_before, count);
+    stroke->after = summarise(stroke->residual_after, count);
+    stroke->reach = REACH_PER_LENGTH * stroke->session->rig->length;
+    stroke->unreached_count = 0;
+    for (size_t i = 0; i < count; i++)
+        stroke->unreached_count += distance_of(stroke->residual_after[i]) > stroke->reach;
+    stroke->slots_changed =
+        count_changed(count, step->joints_before, step->joints_after, slots * sizeof(uint16_t));
+    stroke->rest_moved =
+        count_changed(count, step->rest_before, step->rest_after, 3 * sizeof(float));
+    stroke->shaped = count_shaped(step);
+    for (size_t i = 0; i < count && stroke->doubtful != NULL; i++)
+        stroke->warnings[SKD_WARNING_REST_DOUBTFUL] += stroke->doubtful[i] != 0;
+    return tell_residuals(stroke, error);
+}
+
+void skd_stroke_dismiss(struct skd_stroke *stroke)
+{
+    for (int p = 0; p < stroke->pose_count; p++) {
+        free(stroke->poses[p].targets);
+        free(stroke->poses[p].strengths);
+    }
+    free(stroke->poses);
+    free(stroke->asked);
+    free(stroke->shown_before);
+    free(stroke->residual_before);
+    free(stroke->residual_after);
+    free(stroke->candidates);
+    free(stroke->doubtful);
+    free(stroke->bone_locked);
+    free(stroke->vertex_locked);
+    free(stroke->told);
+    free(stroke->rest);
+    skd_smoothing_destroy(stroke->smoothing);
+    skd_step_release(stroke->step);
+    *stroke = (struct skd_stroke){0};
+}
