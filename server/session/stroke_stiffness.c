@@ -139,7 +139,7 @@ static double choose(struct skd_stroke *stroke, struct sample *sample)
         skd_solve(&batch, &stroke->input.options);
     if (rests)
         move_rest(stroke, &batch, sample);
-    return skd_stiffness_from_leftovers(&batch, stroke->input.options.length, sample->leftovers);
+    return skd_stiffness_choose(&batch, stroke->input.options.length, sample->leftovers);
 }
 
 enum skd_status skd_stroke_choose_stiffness(struct skd_stroke *stroke, struct skd_error *error)

@@ -64,8 +64,7 @@ static double median(float *values, size_t count)
     return 0.5 * ((double)lower + upper);
 }
 
-double skd_stiffness_from_leftovers(const struct skd_solve_batch *solved, double length,
-                                    float *leftovers)
+double skd_stiffness_choose(const struct skd_solve_batch *solved, double length, float *leftovers)
 {
     size_t used = 0, several = 0;
     for (size_t item = 0; item < solved->count; item++) {
@@ -82,16 +81,4 @@ double skd_stiffness_from_leftovers(const struct skd_solve_batch *solved, double
     const double wanted = share * median(leftovers, used) / length;
     const double raised = wanted > floor ? wanted : floor;
     return raised < ceiling ? raised : ceiling;
-}
-
-double skd_stiffness_choose(const struct skd_solve_batch *sample,
-                            const struct skd_solve_options *options, float *scratch)
-{
-    struct skd_solve_batch batch = *sample;
-    struct skd_solve_options chosen = *options;
-    batch.leftover_out = scratch;
-    chosen.method = SKD_METHOD_EXACT;
-    chosen.stiffness = SKD_STIFFNESS_PROBE;
-    skd_solve(&batch, &chosen);
-    return skd_stiffness_from_leftovers(&batch, options->length, scratch);
 }

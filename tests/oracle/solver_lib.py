@@ -275,12 +275,15 @@ def solve(batch: Batch, **options: float) -> Result:
 
 
 def choose_stiffness(batch: Batch, **options: float) -> float:
-    """skd_stiffness_choose with the batch as its sample."""
-    call = _Call(batch, options)
-    scratch = np.full(len(batch.vertices), np.nan, np.float32)
+    """skd_stiffness_choose of the batch as a sample, solved with the probe's stiffness."""
+    call = _Call(batch, {**options, "stiffness": 1e-4})
+    leftovers = np.full(len(batch.vertices), np.nan, np.float32)
+    call.batch.leftover_out = _pointer(leftovers)
+    _lib.skd_solve(ctypes.byref(call.batch), ctypes.byref(call.options))
     return _lib.skd_stiffness_choose(
-        ctypes.byref(call.batch), ctypes.byref(call.options), ctypes.c_void_p(_pointer(scratch))
-    )
+        ctypes.byref(call.batch), ctypes.c_double(call.options.length),
+        ctypes.c_void_p(_pointer(leftovers)),
+    )  # fmt: skip
 
 
 def skin(batch: Batch, weights: np.ndarray) -> np.ndarray:
