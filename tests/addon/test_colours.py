@@ -84,20 +84,45 @@ def test_weight_change_is_the_part_that_moved() -> None:
                       [0, 0, 0, 0], [0, 0, 0, 0]], np.float32)
     now = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0.25, 0.5, 0.25, 0], [0.8, 0.4, 0, 0],
                     [0, 0, 0, 0], [1, 0, 0, 0]], np.float32)
-    moved = colours.weight_change(start, now)
+    bones = np.tile(np.arange(4, dtype=np.uint16), (6, 1))
+    moved = colours.weight_change(bones, start, bones, now)
     assert moved.dtype == np.float32
     assert moved == pytest.approx([0, 1, 0.25, 0, 0, 0.5], abs=1e-6)
 
 
 def test_weight_change_is_a_distance() -> None:
     random = np.random.default_rng(2)
+    bones = np.tile(np.arange(8, dtype=np.uint16), (400, 1))
+
+    def change(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return colours.weight_change(bones, one, bones, other)
+
     a, b, c = random.dirichlet(np.ones(8), (3, 400)).astype(np.float32)
-    ab, bc, ac = (colours.weight_change(*pair) for pair in ((a, b), (b, c), (a, c)))
-    assert (colours.weight_change(a, a) == 0).all()
-    assert np.array_equal(ab, colours.weight_change(b, a))
+    ab, bc, ac = (change(*pair) for pair in ((a, b), (b, c), (a, c)))
+    assert (change(a, a) == 0).all()
+    assert np.array_equal(ab, change(b, a))
     assert (ac <= ab + bc + 1e-6).all() and (ab >= 0).all() and (ab <= 1 + 1e-6).all()
     # What some bones lose is what the others gain.
     assert ab == pytest.approx(np.maximum(b - a, 0).sum(1), abs=1e-6)
+
+
+def test_weight_change_goes_by_bones() -> None:
+    """Slots with other bones, in any order: as a loop over bones has it."""
+    random = np.random.default_rng(4)
+    joints = np.stack([random.permutation(9)[:4] for _ in range(400)]).astype(np.uint16)
+    joints = joints.reshape(2, 200, 4)
+    joints[1, :50] = joints[0, :50, ::-1]
+    joints[0, 60:70, 3] = joints[1, 65:80, 2] = NO_BONE
+    rows = random.dirichlet(np.ones(4), (2, 200)).astype(np.float32)
+    rows[joints == NO_BONE] = 0
+    rows /= rows.sum(2, keepdims=True)
+    found = colours.weight_change(joints[0], rows[0], joints[1], rows[1])
+    for vertex in range(200):
+        was, now = ({int(bone): float(weight) for bone, weight in zip(joints[side, vertex],
+                                                                     rows[side, vertex])
+                     if weight} for side in (0, 1))
+        expected = sum(abs(was.get(bone, 0) - now.get(bone, 0)) for bone in {*was, *now}) / 2
+        assert found[vertex] == pytest.approx(expected, abs=1e-6)
 
 
 def test_counts_and_reach_agree_with_a_loop() -> None:

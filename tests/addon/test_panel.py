@@ -17,7 +17,9 @@ HELLO = {"server": {"name": "skind", "version": "0.1.0"}, "capabilities": ["lock
 
 
 def settings(**changed: object) -> SimpleNamespace:
-    return SimpleNamespace(**{"stiffness": 0.008, "method": "exact", **changed})
+    return SimpleNamespace(**{
+        "automatic": True, "stiffness": 0.008, "method": "exact", "slots": "KEEP", "keep": False,
+        "keep_strength": 0.3, "smoothing": 0.0, "mix": 1.0, "residual": "REPORT", **changed})
 
 
 def test_enabled_twice_nothing_is_left(blender: Blender) -> None:
@@ -46,23 +48,35 @@ def test_the_panel_draws_each_state(tall: Window, daemon: Daemon, tmp_path: Path
     assert seen["last"]["revision"] == 1
     assert seen["notes"] == ["weights_normalised"]
     pictures = {path.stem: path.read_bytes() for path in tmp_path.glob("*.png")}
-    assert set(pictures) == {"idle", "refused", "connected", "sculpting"}
-    assert len(set(pictures.values())) == 4
+    assert set(pictures) == {"idle", "refused", "connected", "sculpting", "poses"}
+    assert len(set(pictures.values())) == 5
+    assert seen["pins"] == 1 and seen["kept"] == 1
+
+
+ALWAYS = {"pin": "move", "guard": 0.0}  # sent to a daemon that can do everything
 
 
 @pytest.mark.parametrize(("changed", "capabilities", "locked", "sent"), [
-    ({}, frozenset(), (), {"stiffness": 0.008, "method": "exact"}),
-    ({}, EVERYTHING, (), {"stiffness": 0.008, "method": "exact"}),
+    ({}, frozenset(), (), {"stiffness": 0.008}),
+    ({}, EVERYTHING, (), ALWAYS),
     # Blender's floats are single: what the artist typed goes out, not its neighbour.
-    ({"stiffness": 0.00800000037997961}, EVERYTHING, (), {"stiffness": 0.008, "method": "exact"}),
-    ({"method": "thesis"}, EVERYTHING, (), {"stiffness": 0.008, "method": "thesis"}),
+    ({"automatic": False, "stiffness": 0.00800000037997961}, EVERYTHING, (),
+     {**ALWAYS, "stiffness": 0.008}),
+    ({"method": "thesis"}, EVERYTHING, (), {"method": "thesis"}),
     ({"method": "thesis"}, frozenset(), (), {"stiffness": 0.008}),
-    ({}, EVERYTHING, ("hand", "arm"),
-     {"stiffness": 0.008, "method": "exact", "locked_bones": ["hand", "arm"]}),
-    ({}, EVERYTHING - {"locks"}, ("hand",), {"stiffness": 0.008, "method": "exact"}),
-    # Members that no daemon names yet are never sent.
-    ({"keep_poses": 0.5, "smoothing": 1.0, "residual": "REST"}, frozenset(), (),
-     {"stiffness": 0.008, "method": "exact"}),
+    # The thesis's method is asked for nothing that it does not know.
+    ({"method": "thesis", "slots": "EVIDENCE", "keep": True, "mix": 0.5, "residual": "REST",
+      "smoothing": 0.1, "automatic": False}, EVERYTHING, ("arm",),
+     {"method": "thesis", "stiffness": 0.008, "locked_bones": ["arm"]}),
+    ({}, EVERYTHING, ("hand", "arm"), {**ALWAYS, "locked_bones": ["hand", "arm"]}),
+    ({}, EVERYTHING - {"locks"}, ("hand",), ALWAYS),
+    ({"keep": True, "keep_strength": 0.5, "smoothing": 0.03, "residual": "SHAPE", "mix": 0.25,
+      "slots": "EVIDENCE"}, EVERYTHING, (),
+     {"pin": "move", "guard": 0.5, "smooth": 0.03, "residual": "shape", "mix": 0.25,
+      "slots": "evidence"}),
+    # Members that this daemon does not name are never sent.
+    ({"keep": True, "smoothing": 1.0, "residual": "REST", "mix": 0.5, "slots": "EVIDENCE"},
+     frozenset(), (), {"stiffness": 0.008}),
 ])
 def test_only_what_the_daemon_can_do_is_sent(changed: dict, capabilities: frozenset, locked: tuple,
                                              sent: dict) -> None:
@@ -72,9 +86,9 @@ def test_only_what_the_daemon_can_do_is_sent(changed: dict, capabilities: frozen
 def test_a_reason_names_the_daemon_and_the_capability() -> None:
     assert options.reason("locks", HELLO) == ""
     assert options.reason("influences.4", HELLO) == ""
-    assert options.reason("keep_poses", HELLO) == \
+    assert options.reason("keep", HELLO) == \
         "skind 0.1.0 cannot keep other poses yet: needs capability `guards`."
-    assert "once it answers" in options.reason("keep_poses", {})
+    assert "once it answers" in options.reason("keep", {})
 
 
 def test_every_option_has_its_reason() -> None:

@@ -15,7 +15,7 @@ from core.rig import Y_UP, Rig
 from core.sculpt import Stroke
 from daemons import BIN
 from scipy.spatial.transform import Rotation
-from tools import Mortal, Other, Tool, V, no_session, rigs, sent_and_solved, some
+from tools import Mortal, Other, Tool, V, no_session, rigs, same, sent_and_solved, some
 
 FOX = Path(__file__).resolve().parents[3] / "shared" / "assets" / "bevy_fox" / "Fox.glb"
 
@@ -34,7 +34,7 @@ def test_created_and_ready(daemon, make_tool, params, influences):
         tool.check(link)
     assert sculpt.vertices == V and sculpt.influences == influences
     assert sculpt.joints.dtype == np.uint16 and np.array_equal(sculpt.joints, held["joints"])
-    assert sculpt.start_weights.tobytes() == held["weights"].tobytes()
+    assert sculpt.start.weights.tobytes() == held["weights"].tobytes()
     assert (sculpt.length, sculpt.revision) == (info["length"], 0)
     assert sculpt.bones == params["bones"]["names"] and np.isnan(sculpt.residual).all()
     posed = sculpt.posed(slice(None), rigs.bent(0.4).reshape(-1, 4, 4))
@@ -44,14 +44,14 @@ def test_created_and_ready(daemon, make_tool, params, influences):
 
 def test_start_weights_stay_what_they_were(daemon, make_tool):
     tool = make_tool().create()
-    start = tool.sculpt.start_weights.copy()
+    start = tool.sculpt.start.weights.copy()
     stroke = tool.stroke(55)
     tool.settle()
-    assert np.array_equal(tool.sculpt.start_weights, start)
+    assert np.array_equal(tool.sculpt.start.weights, start)
     assert not np.array_equal(tool.sculpt.weights, start)
     assert tool.sculpt.strokes == 1 and tool.sculpt.last["vertices"] == len(stroke.vertices)
     with daemon.link() as link:
-        posed = link.call("pose.evaluate", {"session": "s", "pose": "tool",
+        posed = link.call("pose.evaluate", {"session": "s", "pose": stroke.pose_name,
                                             "vertices": stroke.vertices})["positions"]
     apart = np.linalg.norm(posed.astype(float) - stroke.targets, axis=1)
     assert np.allclose(tool.sculpt.residual[stroke.vertices], apart, atol=1e-6)
@@ -140,7 +140,7 @@ def test_joins_a_session_of_the_same_mesh(daemon, make_tool, params):
 
 def check_where_it_is(tool: Tool, link, stroke: Stroke, turn: np.ndarray) -> None:
     """The daemon's posed vertices and ours are the same points, and so are the residuals."""
-    posed = link.call("pose.evaluate", {"session": "s", "pose": "tool"})["positions"]
+    posed = link.call("pose.evaluate", {"session": "s", "pose": stroke.pose_name})["positions"]
     assert np.allclose(posed, tool.sculpt.posed(slice(None), stroke.pose) @ turn.T, atol=1e-5)
     told = tool.sculpt.last["residual"]
     ours = tool.sculpt.residual[stroke.vertices]
@@ -287,7 +287,7 @@ def test_one_undo_a_stroke_is_one_undo_of_the_daemon(daemon, make_tool):
             tool.settle()
             info = link.call("session.info", {"session": "s"})
             assert (info["undo_steps"], info["redo_steps"]) == (3 - presses, presses)
-        assert np.array_equal(tool.sculpt.weights, tool.sculpt.start_weights)
+        assert np.array_equal(tool.sculpt.weights, tool.sculpt.start.weights)
         for _ in range(3):
             tool.redo()
         tool.settle()
@@ -307,7 +307,7 @@ def test_dropped_before_its_answer(daemon, make_tool):
             tool.undo()
             tool.settle()
             tool.check(link)
-        assert np.array_equal(tool.sculpt.weights, tool.sculpt.start_weights)
+        assert np.array_equal(tool.sculpt.weights, tool.sculpt.start.weights)
         assert tool.sculpt.strokes == 0 and len(tool.stack) == 1
 
 
@@ -413,15 +413,30 @@ def test_anything_in_any_order(daemon, make_tool, seed):
     go_wild(make_tool().create(), Other(daemon), seed)
 
 
-def go_wild(tool: Tool, other: Other, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(10))
+def test_anything_that_changes_bones_rest_and_shapes(daemon, make_tool, seed):
+    """The same with every option, with edits, and with a tool that does so as well."""
+    first, second = make_tool(name="first").create(), make_tool(name="second").join()
+    go_wild(first, Other(daemon), seed, second)
+
+
+def go_wild(tool: Tool, other: Other, seed: int, second: Tool | None = None) -> None:
     random = np.random.default_rng(seed)
     vertices = tool.sculpt.vertices
-    actions = ["stroke"] * 4 + ["undo"] * 4 + ["redo"] * 2 + ["paint"] + ["other"] * 4
+    actions = ["any stroke"] * 6 + ["edit"] * 3 + ["second"] * 3 if second is not None else []
+    actions += ["stroke"] * 4 + ["undo"] * 4 + ["redo"] * 2 + ["paint"] + ["other"] * 4
     actions += ["pump"] * 6 + ["settle"] * 2 + (["cut"] if seed % 2 else [])
     for _ in range(200):
         action = random.choice(actions)
         if action == "stroke":
             tool.stroke(int(random.integers(vertices)))
+        elif action == "any stroke":
+            tool.any_stroke(random)
+        elif action == "edit":
+            tool.any_edit(random)
+        elif action == "second":
+            second.any_stroke(random)
+            second.step()
         elif action in ("undo", "redo"):
             getattr(tool, action)()
         elif action == "paint":
@@ -433,19 +448,28 @@ def go_wild(tool: Tool, other: Other, seed: int) -> None:
             tool.step()
         elif action == "settle":
             other.wait()
+            if second is not None:
+                second.settle()
             tool.settle()
+            tool.sculpt.ask_pins()
+            tool.until(lambda: not tool.channel.unanswered)
             tool.check(other.link)
-            assert np.array_equal(tool.sculpt.weights, tool.seen[tool.stack[tool.live]])
+            assert same(tool.sculpt.shown, tool.seen[tool.stack[tool.live]])
         else:
             tool.cut_if_ready()
     other.wait()
+    if second is not None:
+        second.settle()
     tool.settle()
     tool.check(other.link)
+    if second is not None:
+        second.settle()
+        second.check(other.link)
     while tool.live > 0:  # and all the way back, alone
         tool.undo()
     tool.settle()
     tool.check(other.link)
-    assert np.array_equal(tool.sculpt.weights, tool.sculpt.start_weights)
+    assert np.array_equal(tool.sculpt.weights, tool.sculpt.start.weights)
 
 
 def test_others_undo_and_redo_what_was_there_before_us(daemon, make_tool):
@@ -505,7 +529,7 @@ def test_cut_with_a_stroke_solved_that_nobody_told_us_of(daemon, make_tool):
     assert tool.sculpt.strokes == 1 and len(tool.stack) == 2
     tool.undo()
     tool.settle()
-    assert np.array_equal(tool.sculpt.weights, tool.sculpt.start_weights)
+    assert np.array_equal(tool.sculpt.weights, tool.sculpt.start.weights)
     tool.check(other.link)
 
 
@@ -523,7 +547,7 @@ def test_cut_with_a_stroke_solved_and_then_undone(daemon, make_tool, when):
     tool.undo()
     tool.settle()
     tool.check(other.link)
-    assert np.array_equal(tool.sculpt.weights, tool.sculpt.start_weights)
+    assert np.array_equal(tool.sculpt.weights, tool.sculpt.start.weights)
     assert len(tool.stack) == 1
 
 
@@ -541,7 +565,7 @@ def test_the_tool_undoes_while_it_does_not_know_of_the_loss(daemon, make_tool):
     tool.settle()
     with daemon.link() as link:
         tool.check(link)
-    assert np.array_equal(tool.sculpt.weights, tool.sculpt.start_weights)
+    assert np.array_equal(tool.sculpt.weights, tool.sculpt.start.weights)
 
 
 def test_left_while_resuming(daemon, make_tool):

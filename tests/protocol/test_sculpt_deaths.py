@@ -11,7 +11,7 @@ import pytest
 from core import Launcher, Link
 from core.sculpt import Stroke
 from daemons import BIN
-from tools import SECONDS, Mortal, Other, Tool, V, sent_and_solved, some
+from tools import SECONDS, Mortal, Other, Tool, V, same, sent_and_solved, some
 
 
 class Model:
@@ -118,7 +118,7 @@ def test_undo_across_a_death(start, make_tool):
     tool.settle()
     tool.redo()
     tool.settle()
-    assert np.array_equal(tool.sculpt.weights, tool.seen[tool.stack[2]])  # not of the third
+    assert same(tool.sculpt.shown, tool.seen[tool.stack[2]])  # not of the third
     with mortal.daemon.link() as link:
         tool.check(link)
 
@@ -223,3 +223,35 @@ def test_the_launcher_brings_it_back(folder, make_tool):
         tool.check(link)
         link.call("shutdown")
     assert np.array_equal(tool.sculpt.weights, kept)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_bones_rest_and_shapes_survive(start, make_tool, seed):
+    """All that was answered is told again, and undone to the bit after that."""
+    random = np.random.default_rng(seed)
+    mortal = Mortal(start)
+    tool = make_tool().create()
+    tool.sculpt.keep(np.array([tool.pose(angle) for angle in (0.2, -0.3, 0.6)]), 2)
+    tool.settle()
+    for _ in range(3):
+        for _ in range(8):
+            tool.any_stroke(random)
+            tool.settle()
+        assert not tool.refused
+        kept = tool.sculpt.shown.copy()
+        mortal.die()
+        tool.settle()
+        assert same(tool.sculpt.shown, kept)
+        with mortal.daemon.link() as link:
+            tool.check(link)
+            guard = link.call("guard.get", {"session": "s"})
+            assert (guard["candidates"], len(guard["poses"])) == (3, 2)
+    sculpt = tool.sculpt
+    assert (sculpt.joints != sculpt.start.joints).any()
+    assert (sculpt.rest != sculpt.start.rest).any() and sculpt.shown.shapes
+    while tool.live > 0:
+        tool.undo()
+    tool.settle()
+    assert same(sculpt.shown, sculpt.start)
+    with mortal.daemon.link() as link:
+        tool.check(link)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from core import skin, steps
 from core.rig import Y_UP, Rig, Space
+from core.state import Change, State
 from scipy.spatial.transform import Rotation
+from tools import same
 
 NONE = skin.NO_BONE
 
@@ -151,30 +153,45 @@ def test_a_session_with_other_bones_and_axes_poses_alike(turn):
 # ---- steps ----
 
 
+SHAPES = ["pose a", "pose b"]
+
+
+def random_state(random: np.random.Generator, vertices: int = 40) -> State:
+    return State(random.integers(0, 9, (vertices, 4)).astype(np.uint16),
+                 random.random((vertices, 4)).astype(np.float32),
+                 random.random((vertices, 3)).astype(np.float32))
+
+
 def random_step(random: np.random.Generator, log: steps.Steps) -> steps.Step:
-    vertices = random.choice(len(log.weights), random.integers(1, 9), replace=False)
-    return log.add(vertices.astype(np.uint32),
-                   random.random((len(vertices), 4)).astype(np.float32))
+    """Of weights, and now and then of bones, rest positions and a shape."""
+    vertices = random.choice(len(log.state.weights), random.integers(1, 9), replace=False)
+    count, extra = len(vertices), random.random(3) < 0.4
+    return log.add(Change(
+        vertices.astype(np.uint32), random.random((count, 4)).astype(np.float32),
+        random.integers(0, 9, (count, 4)).astype(np.uint16) if extra[0] else None,
+        random.random((count, 3)).astype(np.float32) if extra[1] else None,
+        str(random.choice(SHAPES)) if extra[2] else "",
+        random.random((count, 3)).astype(np.float32) if extra[2] else None))
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_any_state_comes_back_to_the_bit(seed):
     random = np.random.default_rng(seed)
-    log = steps.Steps(random.random((40, 4)).astype(np.float32))
-    weights = log.weights
-    states = {0: weights.copy()}
+    log = steps.Steps(random_state(random))
+    state = log.state
+    states = {0: state.copy()}
     parents = {0: -1}
     for _ in range(300):
         if random.random() < 0.5:
             live = log.live
             step = random_step(random, log)
             assert (step.parent, log.live) == (live, step.id) and step.id not in states
-            states[step.id], parents[step.id] = weights.copy(), live
+            states[step.id], parents[step.id] = state.copy(), live
             continue
         goal = int(random.choice(list(states)))
-        start, before = log.live, weights.copy()
+        start, before = log.live, state.copy()
         undo, redo = log.go(goal)
-        assert log.live == goal and np.array_equal(weights, states[goal])
+        assert log.live == goal and same(state, states[goal])
         place = start
         for step in undo:  # a way from one to the next
             assert step.id == place
@@ -184,27 +201,29 @@ def test_any_state_comes_back_to_the_bit(seed):
             place = step.id
         assert place == goal and not {step.id for step in undo} & {step.id for step in redo}
         touched = {int(v) for step in undo + redo for v in step.vertices}
-        assert set(np.flatnonzero((weights != before).any(1))) <= touched
+        moved = [state.differing(before), *(those for _, those in state.reshaped(before))]
+        assert set(np.concatenate(moved).tolist()) <= touched
 
 
 def test_the_oldest_are_forgotten(monkeypatch):
     random = np.random.default_rng(3)
-    log = steps.Steps(np.zeros((40, 4), np.float32))
+    log = steps.Steps(random_state(random))
     first = random_step(random, log)
-    monkeypatch.setattr(steps, "LOG_BYTES_MAX", 20 * first.bytes)
-    states = {log.live: log.weights.copy()}
+    limit = 4000
+    monkeypatch.setattr(steps, "LOG_BYTES_MAX", limit)
+    states = {log.live: log.state.copy()}
     kept = [first]
     for _ in range(200):
         kept.append(random_step(random, log))
-        states[log.live] = log.weights.copy()
-    now, live = log.weights.copy(), log.live
+        states[log.live] = log.state.copy()
+    now, live = log.state.copy(), log.live
     assert log.go(first.id) is None and log.go(0) is None and log.go(10 ** 6) is None
-    assert log.live == live and np.array_equal(log.weights, now), "nothing was changed"
+    assert log.live == live and same(log.state, now), "nothing was changed"
     reached = 0
     for id in reversed(sorted(states)):
         if log.go(id) is None:
             break
-        assert np.array_equal(log.weights, states[id])
+        assert same(log.state, states[id])
         reached += 1
-    assert sum(step.bytes for step in kept[-reached + 1:]) <= 20 * first.bytes
+    assert sum(step.bytes for step in kept[-reached + 1:]) <= limit
     assert reached > 5, "what fits is kept"

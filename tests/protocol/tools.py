@@ -16,6 +16,7 @@ import numpy as np
 from core import Channel, Launcher, Link, SkindError, opening
 from core.rig import Rig
 from core.sculpt import Sculpt, Stroke
+from core.state import State
 from scipy.spatial.transform import Rotation
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "integration"))
@@ -58,7 +59,7 @@ class Tool:
         self.sculpt = Sculpt(self.channel, rig, name)
         self.stack: list[int] = []
         self.live = 0
-        self.seen: dict[int, np.ndarray] = {}
+        self.seen: dict[int, State] = {}
         self.refused: list[Stroke] = []
         self.methods: list[str] = []  # what was asked for
         self.on_request: Callable[[str], None] | None = None  # called after each was queued
@@ -143,7 +144,7 @@ class Tool:
         del self.stack[self.live + 1:]
         self.stack.append(self.sculpt.steps.live)
         self.live += 1
-        self.seen[self.sculpt.steps.live] = self.sculpt.weights.copy()
+        self.seen[self.sculpt.steps.live] = self.sculpt.shown.copy()
 
     def show(self) -> None:
         sculpt = self.sculpt
@@ -172,8 +173,28 @@ class Tool:
         size = np.ptp(self.sculpt.rig.positions, axis=0).max()
         return (*rigs.bump(posed, centre, radius * size, height * size), pose)
 
-    def stroke(self, centre: int, height: float = 0.02, angle: float = 0.3) -> Stroke:
-        return self.sculpt.stroke(*self.bump(centre, height, angle), {})
+    def stroke(self, centre: int, height: float = 0.02, angle: float = 0.3,
+               options: dict | None = None) -> Stroke:
+        return self.sculpt.stroke(*self.bump(centre, height, angle), options or {})
+
+    def any_stroke(self, random: np.random.Generator) -> Stroke:
+        """In one of a few poses, with options that change bones, rest positions and shapes."""
+        angle = float(random.choice([0.3, 0.5, -0.4]))
+        options = [{}, {"slots": "evidence"}, {"pin": "move"}, {"residual": "rest"},
+                   {"residual": "shape"}, {"slots": "evidence", "residual": "rest"},
+                   {"smooth": 0.03, "mix": 0.5}]
+        return self.stroke(int(random.integers(self.sculpt.vertices)), 0.05, angle,
+                           options[random.integers(len(options))])
+
+    def any_edit(self, random: np.random.Generator) -> None:
+        pins = self.sculpt.pins
+        edits: list[tuple[str, dict]] = [
+            ("weights.mirror", {"axis": "x"}), ("weights.prune", {"below": 0.05}),
+            ("weights.reduce", {"influences": 3, "by": "size"}), ("pins.clear", {})]
+        if pins:
+            pose = pins[random.integers(len(pins))]["pose"]
+            edits += [("pins.weigh", {"pose": pose, "weight": 2.0}), ("pins.solve", {"pose": pose})]
+        self.sculpt.edit(*edits[random.integers(len(edits))])
 
     def paint(self, vertices: np.ndarray, random: np.random.Generator) -> None:
         self.sculpt.painted(vertices, random_rows(self.sculpt.joints[vertices], random))
@@ -191,12 +212,12 @@ class Tool:
             self.go(self.live + 1)
 
     def go(self, to: int) -> None:
-        before = self.sculpt.weights.copy()
+        before = self.sculpt.shown.copy()
         self.live = to
         changed = self.sculpt.moved(self.stack[to])
-        now = self.sculpt.weights
-        assert np.array_equal(now, self.seen[self.stack[to]]), "a state is not what it was"
-        assert set(np.flatnonzero((now != before).any(1))) <= set(changed)
+        now = self.sculpt.shown
+        assert same(now, self.seen[self.stack[to]]), "a state is not what it was"
+        assert set(now.differing(before)) <= set(changed)
 
     # ---- trouble ----
 
@@ -222,11 +243,36 @@ class Tool:
         """All settled: what is shown, what is believed and what the daemon has are the same."""
         sculpt = self.sculpt
         held = other.call("weights.get", {"session": sculpt.name})
-        assert np.array_equal(sculpt.held_joints, held["joints"])
-        assert sculpt.truth.tobytes() == held["weights"].tobytes(), "truth is not the daemon's"
+        assert np.array_equal(sculpt.space.session_joints(sculpt.joints), held["joints"])
         assert sculpt.weights.tobytes() == held["weights"].tobytes(), "shown is not the daemon's"
+        told = [len(sculpt.held.differing(sculpt.shown)),
+                *((name, len(those)) for name, those in sculpt.held.reshaped(sculpt.shown))]
+        assert told == [0], "what is believed is not what is shown"
+        if "residual.shape" in other.hello["capabilities"]:
+            self.check_shape(other)
         assert sculpt.revision == held["revision"]
         assert not sculpt.pending and not sculpt.arrived and self.channel.unanswered == 0
+
+
+    def check_shape(self, other: Link) -> None:
+        """The same of rest positions and corrective shapes."""
+        sculpt, about = self.sculpt, {"session": self.sculpt.name}
+        every = np.arange(sculpt.vertices, dtype=np.uint32)
+        rest = other.call("mesh.get", about)["rest"]
+        assert np.array_equal(sculpt.space.session_rest(every, sculpt.rest), rest)
+        listed = [each["pose"] for each in other.call("shapes.list", about)["shapes"]]
+        assert {name for name, offsets in sculpt.shown.shapes.items() if offsets.any()} \
+            == set(listed)
+        for name in listed:
+            told = other.call("shapes.get", {**about, "pose": name})
+            offsets = np.zeros_like(sculpt.rest)
+            offsets[told["vertices"]] = sculpt.space.offsets(told["offsets"])
+            assert np.array_equal(sculpt.shown.shapes[name], offsets)
+
+
+def same(one: State, other: State) -> bool:
+    """Bit for bit but for the sign of zero."""
+    return len(one.differing(other)) == 0 and not one.reshaped(other)
 
 
 NOTHING = {"nothing_to_undo", "nothing_to_redo"}

@@ -9,7 +9,8 @@ import importlib
 # there, and is the first to stop.
 MODULES = (
     "properties", "preferences", "session", "hands", "strokes",
-    "history", "files", "overlays", "compare", "operators", "panel", "pump",
+    "history", "files", "overlays", "compare", "operators", "edits", "panel",
+    "panel_options", "pump",
 )
 
 _registered: list = []

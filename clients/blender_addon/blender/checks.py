@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ..core.skin import LEAST_SUM
-from . import rig
+from . import rig, shapes
 from .mesh import read_positions
 
 # After the armature these keep the sculpted vertices where they are, or nearly so.
@@ -25,11 +25,12 @@ NAMES_TOLD = 3
 
 
 def refusals(obj: bpy.types.Object | None, settings: bpy.types.PropertyGroup,
-             any_influences: bool = False) -> list[str]:
+             any_influences: bool = False, own_keys: bool = False) -> list[str]:
     """Sentences, each with what is wrong and what to change; [] means that sculpting may begin.
 
     Not for every redraw: it may look at each vertex once. `any_influences`: not held against
-    settings.influences, because the mesh will take on other weights.
+    settings.influences, because the mesh will take on other weights. `own_keys`: corrective shape
+    keys of the session that goes on are right.
     """
     if obj is None:
         return ["Nothing is active: click on the character's mesh first."]
@@ -38,7 +39,7 @@ def refusals(obj: bpy.types.Object | None, settings: bpy.types.PropertyGroup,
     if _is_linked(obj) or _is_linked(obj.data):
         return [f"{_quoted(obj)} is linked from another file, which Blender does not let anyone "
                 "sculpt: Object > Relations > Make Local > Selected Objects and Data."]
-    found = [*_of_object(obj), *_of_mesh(obj), *_of_modifiers(obj)]
+    found = [*_of_object(obj), *_of_mesh(obj, own_keys), *_of_modifiers(obj)]
     armature = rig.armature_of(obj)
     if armature is not None:
         found += _of_armature(obj, armature)
@@ -54,7 +55,7 @@ def problem_since_start(obj: bpy.types.Object, bones: list[str]) -> str:
 
     Quick: for each stroke. `bones`: those that the session has.
     """
-    found = [*_of_shape_keys(obj), *_of_modifiers(obj)]
+    found = [*_of_shape_keys(obj, own_keys=True), *_of_modifiers(obj)]
     return found[0] if found else missing_bones(obj, bones)
 
 
@@ -106,13 +107,13 @@ def _of_object(obj: bpy.types.Object) -> Iterator[str]:
                "choose Object in Object Properties > Relations > Parent Type.")
 
 
-def _of_mesh(obj: bpy.types.Object) -> Iterator[str]:
+def _of_mesh(obj: bpy.types.Object, own_keys: bool) -> Iterator[str]:
     mesh = obj.data
     users = mesh.users - mesh.use_fake_user
     if users > 1:
         yield (f"The mesh {_quoted(mesh)} has {users} users, which would all change: "
                "Object > Relations > Make Single User > Object & Data.")
-    yield from _of_shape_keys(obj)
+    yield from _of_shape_keys(obj, own_keys)
     if len(mesh.vertices) == 0 or len(mesh.polygons) == 0:
         yield f"{_quoted(obj)} has no faces: there is nothing to sculpt. Choose another mesh."
     elif not np.isfinite(read_positions(mesh)).all():
@@ -120,7 +121,9 @@ def _of_mesh(obj: bpy.types.Object) -> Iterator[str]:
                "Edit Mode (Mesh > Clean Up).")
 
 
-def _of_shape_keys(obj: bpy.types.Object) -> Iterator[str]:
+def _of_shape_keys(obj: bpy.types.Object, own_keys: bool) -> Iterator[str]:
+    if own_keys and shapes.are_ours_alone(obj.data):
+        return
     if obj.data.shape_keys is not None:
         yield (f"{_quoted(obj)} has shape keys, which weights do not know about: delete them in "
                "Object Data Properties > Shape Keys, on a copy if they are needed.")

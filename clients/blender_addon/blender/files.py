@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import jobs, mesh, session
+from . import jobs, mesh, session, shapes
 
 _sculpted: list = []  # the shape to show again after saving: object's name, positions
 
@@ -36,7 +36,7 @@ def _after_save(*_: object) -> None:
     for name, shape in _sculpted:
         data = bpy.data.objects[name].data
         del data[mesh.SNAPSHOT]
-        mesh.write_positions(data, shape)
+        shapes.write_positions(data, shape)
     _sculpted.clear()
 
 

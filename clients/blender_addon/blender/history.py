@@ -56,10 +56,22 @@ def follow(live: session.Session, is_redo: bool = False) -> None:
 
 def _follow_weights(live: session.Session, state: int) -> None:
     sculpt = live.sculpt
-    if state != sculpt.steps.live and sculpt.moved(state) is None:
+    if state == sculpt.steps.live:
+        return
+    undone, redone = sculpt.steps.path(state) or ([], [])
+    reslotted = [step.vertices for step in undone + redone if step.after.joints is not None]
+    if sculpt.moved(state) is not None:
+        if reslotted:
+            live.fit(np.concatenate(reslotted))
+    else:
         # Too long ago for our log: the mesh itself tells.
         everything = np.arange(sculpt.vertices, dtype=np.uint32)
-        rows = weights.read_rows(live.object_name, live.layout, everything)
+        try:
+            rows = weights.read_rows(live.object_name, live.layout, everything)
+        except weights.MeshChanged:  # of other bones, which nobody remembers
+            for _ in live.mend():
+                pass
+            rows = sculpt.weights.copy()
         rows[sculpt.rig.unweighted] = sculpt.weights[sculpt.rig.unweighted]
         differing = skin.differing(rows, sculpt.weights)
         step = sculpt.painted(differing, rows[differing])
@@ -69,7 +81,7 @@ def _follow_weights(live: session.Session, state: int) -> None:
 def _follow_shape(live: session.Session, shape: np.ndarray, is_redo: bool) -> None:
     """The strokes up to the one that left this shape still wait; those after it were undone."""
     pending = live.sculpt.pending
-    shapes = [live.sculpt.rig.positions] + [stroke.host for stroke in pending]
+    shapes = [live.sculpt.rest] + [stroke.host for stroke in pending]
     for left in reversed(range(len(shapes))):
         if len(skin.differing(shape, shapes[left])) == 0:
             _drop_after(live, left)

@@ -6,8 +6,11 @@ there that step must go, or an undo would show sculpted shape and new weights to
 
     prepare the rows           in slices; nothing is changed yet
     undo the strokes' steps    the shape is at rest again (this puts back all of the mesh)
-    write the weights          in one piece with the undo: nothing is drawn in between
+    write the change           in one piece with the undo: nothing is drawn in between
     mark the state, push       one step of undo a change
+
+A change is written in this order: bones (groups that vertices lack), weights, rest positions, the
+corrective shape. Where bones change, rows cannot be prepared before.
 
 Where other steps have come on top of a stroke (a change of mode, say), undoing would take back the
 wrong ones. Then the shape is written instead, and one press of Ctrl+Z more is needed there.
@@ -20,10 +23,12 @@ import numpy as np
 
 from ..core import skin
 from ..core.sculpt import Arrival
-from . import hands, jobs, mesh, undo, weights
+from ..core.state import Change
+from . import hands, jobs, mesh, shapes, undo, weights
 from .messages import fault, tell
 
-TITLES = {"undo": "Undo", "redo": "Redo", "set": "Weights"}
+TITLES = {"undo": "Undo", "redo": "Redo", "set": "Weights", "pins": "Pins", "mirror": "Mirror",
+          "prune": "Prune", "reduce": "Reduce", "refit": "Refit"}
 
 
 class Landing:
@@ -36,7 +41,7 @@ class Landing:
     def shape(self) -> np.ndarray:
         """f32 [V,3]: the rest shape as of the last stroke that waits, else the rest shape."""
         pending = self._session.sculpt.pending
-        return pending[-1].host if pending else self._session.sculpt.rig.positions
+        return pending[-1].host if pending else self._session.sculpt.rest
 
     def begin_when_due(self) -> None:
         """Called when nobody sculpts. A shape that no stroke left (a filter's) becomes a stroke
@@ -74,43 +79,70 @@ class Landing:
     def _land(self):
         session, sculpt = self._session, self._session.sculpt
         arrivals, strokes = list(sculpt.arrived), len(sculpt.pending)
-        batches = []
-        for arrival in arrivals:
-            batches.append((yield from weights.prepare_rows(
-                session.object_name, session.layout, arrival.vertices, arrival.rows)))
-            sculpt.measure(arrival)
-            yield None
+        batches: list = []
+        news = [sculpt.shown.trimmed(arrival.change) for arrival in arrivals]
+        yield None
+        if all(change.joints is None for change in news):
+            for arrival in arrivals:
+                batches.append((yield from weights.prepare_rows(
+                    session.object_name, session.layout, arrival.vertices,
+                    arrival.change.weights)))
+                yield None
+            yield jobs.WAIT  # what follows is a tick's work by itself
         # From here on in one piece: nothing is drawn in between.
         self._take_back_shape(strokes)
         for stroke in [each for each in sculpt.pending if each.error is not None]:
             sculpt.pending.remove(stroke)
             tell(f"The stroke was refused: {stroke.error}")
-        for arrival, batch in zip(arrivals, batches):
-            weights.write_batch(session.object_name, session.layout, batch)
-            self._show(arrival)
+        for index, arrival in enumerate(arrivals):  # the first alone is what it was
+            self._show(arrival, batches[index] if batches else None, None if index else news[0])
 
-    def _show(self, arrival: Arrival) -> None:
+    def _show(self, arrival: Arrival, batches: list | None, news: Change | None) -> None:
         session, sculpt = self._session, self._session.sculpt
         sculpt.arrived.remove(arrival)
-        step = sculpt.show(arrival)
+        step = sculpt.show(arrival, news)
+        if batches is not None:
+            weights.write_batch(session.object_name, session.layout, batches)
+        else:
+            session.write(step.vertices, reslotted=step.after.joints is not None)
+        self._reshape(step)
         data = session.object().data
         mesh.mark_state(data, session.run_id, step.id)
         data.update()
         if arrival.stroke is not None:
             title = "Sculpt Weights"
+            self._warn(arrival.stroke.result)
+        elif arrival.client == sculpt.client:
+            title = TITLES.get(arrival.cause, "Solve Pins")
         else:
             title = f"{TITLES.get(arrival.cause, 'Stroke')} by {arrival.client or 'others'}"
             tell(title)
         undo.push(f"Skind: {title}")
 
+    @staticmethod
+    def _warn(result: dict) -> None:
+        warnings = [warning["text"] for warning in result["warnings"]]
+        if warnings:
+            tell(" ".join(f"{text[:1].upper()}{text[1:]}." for text in warnings))
+
+    def _reshape(self, step) -> None:
+        """Rest positions and the corrective shape, as far as a step changed them."""
+        session, sculpt = self._session, self._session.sculpt
+        if step.after.rest is not None:
+            shapes.write_positions(session.object().data, sculpt.rest)
+        if step.after.offsets is not None:
+            name = step.after.shape
+            shapes.write(session.object(), name, sculpt.rest, sculpt.shown.shapes[name])
+            session.switch_shapes(again=True)
+
     def _take_back_shape(self, strokes: int) -> None:
-        obj, rest = self._session.object(), self._session.sculpt.rig.positions
+        obj, rest = self._session.object(), self._session.sculpt.rest
         if strokes == 0:
             return
         if obj.mode == 'SCULPT' and undo.take_back(
                 strokes, lambda: _is_at(self._session.object(), rest)):
             return
-        mesh.write_positions(self._session.object().data, rest)
+        shapes.write_positions(self._session.object().data, rest)
 
     def is_doing(self, job: jobs.Job) -> bool:
         return job is self._job
@@ -132,8 +164,8 @@ class Landing:
         if session.layout is None or session.is_outside or not session.is_whole:
             return
         session.show(False)
-        if not _is_at(session.object(), session.sculpt.rig.positions):
-            mesh.write_positions(session.object().data, session.sculpt.rig.positions)
+        if not _is_at(session.object(), session.sculpt.rest):
+            shapes.write_positions(session.object().data, session.sculpt.rest)
 
 
 def _is_at(obj: bpy.types.Object, positions: np.ndarray) -> bool:

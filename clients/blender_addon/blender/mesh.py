@@ -24,10 +24,17 @@ def read_positions(mesh: bpy.types.Mesh) -> np.ndarray:
     return positions.reshape(-1, 3)
 
 
-def write_positions(mesh: bpy.types.Mesh, positions: np.ndarray) -> None:
-    """Never during a stroke: its next dab would overwrite it."""
-    mesh.vertices.foreach_set("co", positions.ravel())
-    mesh.update()
+def read_mask(mesh: bpy.types.Mesh) -> np.ndarray | None:
+    """f32 [V]: what Sculpt Mode's mask keeps still, 1 wholly; None: nothing is masked."""
+    if hasattr(mesh, "vertex_paint_masks"):  # before 4.1
+        layer = mesh.vertex_paint_masks[0] if mesh.vertex_paint_masks else None
+    else:
+        layer = mesh.attributes.get(".sculpt_mask")
+    if layer is None or len(layer.data) != len(mesh.vertices):
+        return None
+    mask = np.empty(len(mesh.vertices), np.float32)
+    layer.data.foreach_get("value", mask)
+    return np.clip(mask, 0, 1) if mask.any() else None
 
 
 class Topology:

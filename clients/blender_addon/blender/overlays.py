@@ -71,16 +71,17 @@ class Painting:
         paint, legend = self._scale(sculpt, values)
         yield
         matrices = skin.deformations(self.pose, sculpt.rig.binds)
-        weights = sculpt.start_weights if self.before else sculpt.weights
+        state = sculpt.start if self.before else sculpt.shown
         normals = _rest_normals(self.live)
         step = sculpt.length * 1e-3
         yield
         for part in parts:
             # The normals' way into the pose: where a short step along them ends.
-            joints = sculpt.joints[part]
+            joints = state.joints[part]
             rest = self.rest[part]
-            posed = skin.blend(rest, joints, weights[part], matrices)
-            ahead = skin.blend(rest + step * normals[part], joints, weights[part], matrices)
+            posed = skin.blend(rest, joints, state.weights[part], matrices)
+            ahead = skin.blend(rest + step * normals[part], joints, state.weights[part],
+                               matrices)
             self.positions[part] = posed
             self.rgba[part] = paint(values[part])
             colours.shade(self.rgba[part], ahead - posed)
@@ -90,15 +91,17 @@ class Painting:
     def _measure(self, sculpt: Any, part: slice) -> np.ndarray:
         if self.kind == 'RESIDUAL':
             return sculpt.residual[part]
-        weights = sculpt.start_weights if self.before else sculpt.weights
+        state = sculpt.start if self.before else sculpt.shown
+        joints, weights = state.joints[part], state.weights[part]
         if self.kind == 'CHANGE':
-            moved = colours.weight_change(sculpt.start_weights[part], sculpt.weights[part])
+            moved = colours.weight_change(sculpt.start.joints[part], sculpt.start.weights[part],
+                                          sculpt.joints[part], sculpt.weights[part])
             return np.where(moved > 0.0, moved, np.float32(np.nan))
         if self.kind == 'INFLUENCES':
-            return colours.influence_counts(sculpt.joints[part], weights[part])
+            return colours.influence_counts(joints, weights)
         if self.bone not in sculpt.bones:
-            return np.full(len(weights[part]), np.nan, np.float32)
-        return colours.reach(sculpt.joints[part], weights[part], sculpt.bones.index(self.bone))
+            return np.full(len(weights), np.nan, np.float32)
+        return colours.reach(joints, weights, sculpt.bones.index(self.bone))
 
     def _scale(self, sculpt: Any, values: np.ndarray) -> tuple:
         """The function from values to colours, and the legend that explains it."""
@@ -178,6 +181,7 @@ def _painting(context: bpy.types.Context, live: Any, obj: bpy.types.Object,
         _state.rest = rest
         _state.rest_id += 1
     pose = live.pose()
+    shape = "" if live.shown_before else live.sculpt.shape_in(pose)
     group = obj.vertex_groups.active
     bone = ""
     if kind == 'REACH':
@@ -189,7 +193,8 @@ def _painting(context: bpy.types.Context, live: Any, obj: bpy.types.Object,
         return shown
     if _state.work is None or _state.work.key != key:
         to_world = abs(obj.matrix_world.determinant()) ** (1 / 3) or 1.0
-        _state.work = Painting(key, live, _state.rest, pose, to_world)
+        rest = _state.rest + live.sculpt.shown.shapes[shape] if shape else _state.rest
+        _state.work = Painting(key, live, rest, pose, to_world)
     playing = context.screen is not None and context.screen.is_animation_playing
     _advance_in_draw(PLAYING_BUDGET_S if playing else DRAW_BUDGET_S)
     shown = _state.shown

@@ -14,7 +14,6 @@ from typing import Callable
 import blf
 import bpy
 
-from ..core import options
 from ..core.channel import NOT_RUNNING
 from . import compare, operators, session
 
@@ -82,7 +81,7 @@ def say(context: bpy.types.Context, layout: bpy.types.UILayout, text: str, icon:
         column.label(text=line, icon=icon if index == 0 else 'NONE' if icon == 'NONE' else 'BLANK1')
 
 
-def _count(number: int, thing: str, things: str = "") -> str:
+def count(number: int, thing: str, things: str = "") -> str:
     return f"{number:,} {thing if number == 1 else things or thing + 's'}"
 
 
@@ -97,7 +96,7 @@ def _length(context: bpy.types.Context, thing: bpy.types.Object | None, value: f
                                      precision=2, compatible_unit=True)
 
 
-def _guarded(draw: Callable) -> Callable:
+def guarded(draw: Callable) -> Callable:
     """A draw method that says in the panel what went wrong in it."""
     @functools.wraps(draw)
     def wrapper(self: bpy.types.Panel, context: bpy.types.Context) -> None:
@@ -112,16 +111,16 @@ def _guarded(draw: Callable) -> Callable:
 # ---- the panel ----
 
 
-class _Panel:
+class Panel:
     bl_space_type = 'VIEW_3D'
     bl_region_type = 'UI'
     bl_category = "Skind"
 
 
-class SKIND_PT_main(_Panel, bpy.types.Panel):
+class SKIND_PT_main(Panel, bpy.types.Panel):
     bl_label = "Skind"
 
-    @_guarded
+    @guarded
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         _draw_link(context, layout)
@@ -180,7 +179,7 @@ def _draw_sessions(layout: bpy.types.UILayout) -> None:
     for held in sessions:
         row = column.row(align=True)
         row.operator("skind.join", text=held["session"], icon='COMMUNITY').name = held["session"]
-        row.label(text=_count(held["vertices"], "vertex", "vertices"))
+        row.label(text=count(held["vertices"], "vertex", "vertices"))
 
 
 def _draw_sculpting(context: bpy.types.Context, layout: bpy.types.UILayout,
@@ -207,6 +206,7 @@ def _draw_sculpting(context: bpy.types.Context, layout: bpy.types.UILayout,
     row.operator("skind.finish", icon='CHECKMARK')
     row.operator("skind.cancel", text="Cancel", icon='LOOP_BACK')
     column.operator("skind.solve", icon='MOD_SMOOTH')
+    column.menu("SKIND_MT_weights", icon='MOD_VERTEX_WEIGHT')
     column.operator("skind.export", text="Export glTF…", icon='EXPORT')
 
 
@@ -215,7 +215,7 @@ def _draw_session(context: bpy.types.Context, column: bpy.types.UILayout, live: 
     sculpt = live.sculpt
     if sculpt.name != live.object_name:
         column.label(text=f"Session {sculpt.name}", icon='BLANK1')
-    column.label(text=_count(sculpt.strokes, "stroke"), icon='BRUSH_DATA')
+    column.label(text=count(sculpt.strokes, "stroke"), icon='BRUSH_DATA')
     if sculpt.pending:
         column.label(text=f"{len(sculpt.pending)} pending", icon='SORTTIME')
     _draw_last(context, column, sculpt.last, thing)
@@ -226,7 +226,7 @@ def _draw_last(context: bpy.types.Context, column: bpy.types.UILayout, last: dic
     """The last stroke: what it cost, what it won, and what stayed out of reach."""
     if not last:
         return
-    column.label(text=f"{_count(last['vertices'], 'vertex', 'vertices')} "
+    column.label(text=f"{count(last['vertices'], 'vertex', 'vertices')} "
                       f"in {1000 * last['seconds']:.0f} ms", icon='TIME')
     before, after = (_length(context, thing, last["residual"][when]["mean"])
                      for when in ("before", "after"))
@@ -235,6 +235,10 @@ def _draw_last(context: bpy.types.Context, column: bpy.types.UILayout, last: dic
         row = column.row()
         row.alert = True
         row.label(text=f"{last['unreached']:,} out of reach", icon='ERROR')
+    for key, words in (("slots_changed", "use other bones"), ("rest_moved", "moved at rest"),
+                       ("shaped", "in the shape key")):
+        if last[key]:
+            column.label(text=f"{last[key]:,} {words}", icon='BLANK1')
 
 
 def _draw_message(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
@@ -261,7 +265,7 @@ def _draw_work(layout: bpy.types.UILayout, job: object | None) -> None:
 # ---- seeing ----
 
 
-class SKIND_PT_seeing(_Panel, bpy.types.Panel):
+class SKIND_PT_seeing(Panel, bpy.types.Panel):
     bl_label = "Seeing"
     bl_parent_id = PARENT
 
@@ -270,7 +274,7 @@ class SKIND_PT_seeing(_Panel, bpy.types.Panel):
         live = session.current()
         return live is not None and live.layout is not None
 
-    @_guarded
+    @guarded
     def draw(self, context: bpy.types.Context) -> None:
         settings, live = context.scene.skind, session.current()
         grid = self.layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
@@ -285,103 +289,10 @@ class SKIND_PT_seeing(_Panel, bpy.types.Panel):
         compare.draw_buttons(self.layout, context)
 
 
-# ---- options ----
-
-
-class SKIND_PT_options(_Panel, bpy.types.Panel):
-    bl_label = "Options"
-    bl_parent_id = PARENT
-    bl_options = {'DEFAULT_CLOSED'}
-
-    @_guarded
-    def draw(self, context: bpy.types.Context) -> None:
-        settings = context.scene.skind
-        hello = session.channel().hello
-        layout = self.layout
-        if not hello:
-            say(context, layout, options.reason("keep_poses", hello), icon='INFO')
-        _Options(context, layout, settings, hello).draw()
-
-
-class _Options:
-    """The rows of the options. What skind cannot do is greyed, with the reason below it."""
-
-    def __init__(self, context: bpy.types.Context, layout: bpy.types.UILayout,
-                 settings: bpy.types.PropertyGroup, hello: dict) -> None:
-        self.context, self.layout, self.settings, self.hello = context, layout, settings, hello
-
-    def draw(self) -> None:
-        layout, settings = self.layout, self.settings
-        column = layout.column(align=True)
-        column.enabled = session.current() is None  # a session's influences are fixed
-        self._choice(column, "influences", "Influences")
-        column.prop(settings, "reduce")
-        layout.prop(settings, "stiffness")
-        self._choice(layout.column(align=True), "method", "Method")
-        self._keep()
-        column = layout.column(align=True)
-        self._row(column, "smoothing").prop(settings, "smoothing", slider=True)
-        self._choice(layout.column(align=True), "residual", "Out of reach")
-        self._locked()
-
-    def _can(self, option: str) -> bool:
-        # Influences are chosen before Start, and Start may be what starts skind.
-        return options.can(option, self.hello.get("capabilities", ())) or (
-            not self.hello and option.startswith("influences."))
-
-    def _row(self, column: bpy.types.UILayout, option: str) -> bpy.types.UILayout:
-        """A row for one option that may be greyed, the reason below it."""
-        row = column.row(align=True)
-        row.enabled = self._can(option)
-        self._why(column, option)
-        return row
-
-    def _why(self, column: bpy.types.UILayout, option: str) -> None:
-        reason = options.reason(option, self.hello)
-        if self.hello and reason:
-            below = column.column()
-            below.active = False
-            say(self.context, below, reason)
-
-    def _choice(self, column: bpy.types.UILayout, name: str, label: str) -> None:
-        """An enumeration as buttons, each greyed by itself."""
-        column.label(text=label)
-        row = column.row(align=True)
-        for item in self.settings.bl_rna.properties[name].enum_items:
-            option = f"{name}.{item.identifier}"
-            cell = row.row(align=True)
-            cell.enabled = self._can(option)
-            cell.prop_enum(self.settings, name, item.identifier)
-            self._why(column, option)
-
-    def _keep(self) -> None:
-        column = self.layout.column(align=True)
-        self._row(column, "keep_poses").prop(self.settings, "keep_poses", slider=True)
-        if self._can("keep_poses"):
-            column.row(align=True).prop(self.settings, "keep_from", expand=True)
-            if self.settings.keep_from == 'CHOSEN':
-                column.prop(self.settings, "keep_frames", text="")
-
-    def _locked(self) -> None:
-        live = session.current()
-        thing = live.object() if live is not None else self.context.active_object
-        if thing is None or thing.type != 'MESH':
-            return
-        locked = sum(group.lock_weight for group in thing.vertex_groups)
-        column = self.layout.column(align=True)
-        column.label(text=f"{_count(locked, 'locked group')} of {len(thing.vertex_groups)}",
-                     icon='LOCKED' if locked else 'UNLOCKED')
-        if locked:
-            self._why(column, "locks")
-        else:
-            say(self.context, column, "Padlocks in the mesh's Vertex Groups list keep a bone's "
-                                      "weights as they are.")
-
-
 # ---- notes ----
 
 
-class SKIND_PT_notes(_Panel, bpy.types.Panel):
+class SKIND_PT_notes(Panel, bpy.types.Panel):
     bl_label = "Notes"
     bl_parent_id = PARENT
     bl_options = {'DEFAULT_CLOSED'}
@@ -391,7 +302,7 @@ class SKIND_PT_notes(_Panel, bpy.types.Panel):
         live = session.current()
         return live is not None and live.layout is not None and bool(live.sculpt.notes)
 
-    @_guarded
+    @guarded
     def draw(self, context: bpy.types.Context) -> None:
         say(context, self.layout, "What was mended when the session began:")
         for note in session.current().sculpt.notes:
@@ -399,7 +310,7 @@ class SKIND_PT_notes(_Panel, bpy.types.Panel):
                 icon='DOT')
 
 
-CLASSES = (SKIND_PT_main, SKIND_PT_seeing, SKIND_PT_options, SKIND_PT_notes)
+CLASSES = (SKIND_PT_main, SKIND_PT_seeing, SKIND_PT_notes)
 
 
 def register() -> None:

@@ -23,6 +23,13 @@ def _seen_differently(_settings: bpy.types.PropertyGroup, _context: bpy.types.Co
     redraw_views()
 
 
+def _kept_differently(_settings: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    from . import session  # which needs what is here
+    live = session.current()
+    if live is not None:
+        live.want_guard()
+
+
 class SKIND_PG_settings(bpy.types.PropertyGroup):
     """See core/options.py for what goes to the daemon, and under which condition."""
 
@@ -39,6 +46,12 @@ class SKIND_PG_settings(bpy.types.PropertyGroup):
                     "Otherwise such a mesh is refused",
         default=False,
     )
+    automatic: BoolProperty(
+        name="Automatic",
+        description="Stiffness is chosen for each stroke from what it asks for: small where "
+                    "weights can follow, larger where they cannot",
+        default=True,
+    )
     stiffness: FloatProperty(
         name="Stiffness",
         description="How strongly the weights hold on to what they were (kappa). Small values "
@@ -52,28 +65,56 @@ class SKIND_PG_settings(bpy.types.PropertyGroup):
                ("thesis", "Thesis", "The method of Rubino's thesis of 2020, for comparison")),
         default="exact",
     )
-    keep_poses: FloatProperty(
-        name="Keep Poses",
-        description="How strongly other poses keep their shape while this one is corrected",
-        min=0.0, max=1.0, default=0.0, subtype='FACTOR',
+    slots: EnumProperty(
+        name="Bones",
+        description="Which bones a stroke may use for a vertex",
+        items=(("KEEP", "Keep", "Those that the vertex has places for"),
+               ("EVIDENCE", "Choose", "Others too, where those that it has cannot do what you "
+                "sculpted: vertex groups change. Sculpt in several poses, which tell bones apart")),
+        default="KEEP",
+    )
+    keep: BoolProperty(
+        name="Keep Other Poses",
+        description="Other poses keep their shape while this one is corrected, as far as that goes",
+        default=False,
+        update=_kept_differently,
+    )
+    keep_strength: FloatProperty(
+        name="Strength",
+        description="How much keeping other poses counts against this one (lambda)",
+        min=0.0, soft_max=3.0, max=1000.0, default=0.3, step=5,
     )
     keep_from: EnumProperty(
         name="Poses From",
-        description="Which poses are kept",
-        items=(("FRAMES", "Action", "Frames of the armature's action, picked far from each other"),
+        description="Which poses are kept, besides those that you kept by hand",
+        items=(("ACTIONS", "Actions", "Frames of all actions of this armature"),
                ("MARKERS", "Markers", "The frames that have a timeline marker"),
-               ("CHOSEN", "Chosen", "The frames that are named below")),
-        default="FRAMES",
+               ("CHOSEN", "Frames", "The frames that are named below"),
+               ("HAND", "By Hand", "None but those that you keep with Keep This Pose")),
+        default="ACTIONS",
+        update=_kept_differently,
     )
     keep_frames: StringProperty(
         name="Frames",
         description="Frames to keep, for instance 1, 12, 20-30",
         default="",
+        update=_kept_differently,
     )
     smoothing: FloatProperty(
         name="Smoothing",
-        description="Smooths the change of the weights over the surface, not the weights",
-        min=0.0, max=1.0, default=0.0, subtype='FACTOR',
+        description="Smooths the change of the weights over the surface, not the weights (mu). Try "
+                    "0.03",
+        min=0.0, soft_max=0.1, max=10.0, default=0.0, precision=3, step=0.5,
+    )
+    mix: FloatProperty(
+        name="Mix",
+        description="How far a stroke goes: 1 all the way to what you sculpted, 0.5 half of it",
+        min=0.0, max=1.0, default=1.0, subtype='FACTOR',
+    )
+    use_mask: BoolProperty(
+        name="Sculpt Mask",
+        description="Where Sculpt Mode's mask is, weights follow that much less",
+        default=False,
     )
     residual: EnumProperty(
         name="Out of Reach",

@@ -71,13 +71,32 @@ def pose(obj: bpy.types.Object, names: list[str], binds: np.ndarray | None = Non
     armature = armature_of(obj)
     if armature is None:
         raise KeyError(f"\u201c{obj.name}\u201d has no armature")
-    to_mesh = _to_mesh(obj, armature)
-    bones = [armature.pose.bones[name] for name in names]
     if binds is None:
-        binds = to_mesh @ _matrices(bone.bone.matrix_local for bone in bones)
-    # What the modifier itself uses, so that the rounding in pose_bone.matrix and back is not ours.
-    channels = _matrices(bone.matrix_channel for bone in bones)
-    return to_mesh @ channels @ np.linalg.inv(to_mesh) @ binds
+        binds = _to_mesh(obj, armature) @ _matrices(
+            armature.pose.bones[name].bone.matrix_local for name in names)
+    return in_mesh(obj, armature, channels(armature, names), binds)
+
+
+def channels(armature: bpy.types.Object, names: list[str]) -> np.ndarray:
+    """f64 [B,4,4]: what the modifier itself uses, so that the rounding in pose_bone.matrix and back
+    is not ours. `armature` may be an evaluated one."""
+    return _matrices(armature.pose.bones[name].matrix_channel for name in names)
+
+
+def in_mesh(obj: bpy.types.Object, armature: bpy.types.Object, moves: np.ndarray,
+            binds: np.ndarray) -> np.ndarray:
+    """channels() as a pose in mesh space."""
+    to_mesh = _to_mesh(obj, armature)
+    return to_mesh @ moves @ np.linalg.inv(to_mesh) @ binds
+
+
+def label(obj: bpy.types.Object) -> str:
+    """Where the pose is from, for people: "frame 12", or "pose" when nothing is animated."""
+    armature = armature_of(obj)
+    animation = armature.animation_data if armature is not None else None
+    if animation is None or (animation.action is None and not animation.nla_tracks):
+        return "pose"
+    return f"frame {bpy.context.scene.frame_current}"
 
 
 def read(obj_name: str) -> Progress[Rig]:

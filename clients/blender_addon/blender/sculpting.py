@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A sculpting session: a mesh, a rig session, and what lies between.
 
-The rest shape never changes in a session. Whatever deviates from it is a sculpted pose that waits
-for its weights; when they are there the rest shape is put back (see landing.py).
+Whatever deviates from the rest shape is a sculpted pose that waits for its weights; when they are
+there the rest shape is put back (see landing.py). Nothing but an answer moves the rest shape.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ import numpy as np
 
 from ..core import opening, options, skin
 from ..core.sculpt import Sculpt
-from . import checks, connection, export, jobs, mesh, rig, undo, weights
+from ..core.state import State
+from . import checks, connection, export, guards, jobs, mesh, rig, shapes, undo, weights
 from .landing import Landing
 from .messages import fault, tell
+from .snapshot import Snapshot
 
 PATIENCE_TICKS = 4000  # a job waits for the connection so long before it gives up, some 20 s
 
@@ -32,7 +34,7 @@ class Session:
         self.run_id = uuid.uuid4().hex[:8]  # in the mesh's marks
         self._on_ended = on_ended
         self.sculpt: Sculpt | None = None  # None until the mesh is read
-        self.snapshot: weights.Snapshot | None = None
+        self.snapshot: Snapshot | None = None
         self.topology: mesh.Topology | None = None  # there when the layout is
         self._problem = ""  # with the mesh, as it was told last
         self.layout: weights.Layout | None = None  # None until the slots are made
@@ -40,6 +42,9 @@ class Session:
         self.is_stroking = False
         self.is_outside = False  # undone to before Start; redo comes back
         self.shown_before = False
+        self._shape_shown: str | None = None  # whose corrective shape is switched on
+        self.kept: list[tuple[str, np.ndarray]] = []  # poses kept by hand: label, matrices
+        self._guard_wanted = False  # the poses to keep are to be gathered anew
 
     # ---- looking ----
 
@@ -92,7 +97,8 @@ class Session:
             return ()
         return (sculpt.phase, sculpt.version, sculpt.strokes, sculpt.problem, len(sculpt.pending),
                 sum(stroke.solved for stroke in sculpt.pending), self.shown_before,
-                self.is_outside)
+                self.is_outside, len(sculpt.guarded),
+                tuple((pin["pose"], pin["weight"], pin["vertices"]) for pin in sculpt.pins))
 
     def run(self, work, label: str) -> jobs.Job:
         return jobs.run(work, label, lambda error: self._ended(label, error))
@@ -118,6 +124,7 @@ class Session:
         opening.create(self.sculpt, self.object_name, influences, reduce)
         yield from self._until_ready("creating")
         yield from self._make_slots()
+        self.want_guard()
         undo.push("Skind: Start")
 
     def join(self, name: str):
@@ -126,6 +133,7 @@ class Session:
         opening.join(self.sculpt, name)
         yield from self._until_ready("joining")
         yield from self._make_slots()
+        self.want_guard()
         undo.push("Skind: Join")
 
     def rejoin(self, name: str, influences: int):
@@ -138,21 +146,26 @@ class Session:
         except jobs.Refused:
             if self.sculpt.reason != "no_session":
                 raise
+            if shapes.ours(self.object().data):
+                raise jobs.Refused(f"skind no longer has \"{name}\", and cannot take its shape "
+                                   "keys along: Forget keeps the mesh as it is") from None
             opening.create(self.sculpt, name, influences, True)
             yield from self._until_ready("creating")
             tell(f"skind no longer has \"{name}\": it begins anew from this mesh.")
         yield from self._make_slots()
         if original is not None:
-            yield from weights.count_added_since(self.layout, self.sculpt.rig.names, original)
+            yield from weights.count_added_since(self.layout, self.sculpt.rig.names,
+                                                 original.names, original.entries)
             self.snapshot = original
+        self.want_guard()
         undo.push("Skind: Rejoin")
 
-    def _remembered_snapshot(self) -> weights.Snapshot | None:
+    def _remembered_snapshot(self) -> Snapshot | None:
         """The mesh as it was at the first Start, if the file tells and it is still that mesh."""
         data = self.object().data
         saved = data.get(mesh.SNAPSHOT)
         try:
-            snapshot = weights.Snapshot.from_bytes(saved) if isinstance(saved, bytes) else None
+            snapshot = Snapshot.from_bytes(saved) if isinstance(saved, bytes) else None
         except ValueError:
             return None
         if snapshot is not None and len(snapshot.positions) != len(data.vertices):
@@ -160,7 +173,7 @@ class Session:
         return snapshot
 
     def _read(self):
-        self.snapshot = yield from weights.Snapshot.take(self.object_name)
+        self.snapshot = yield from Snapshot.take(self.object_name)
         read = yield from rig.read(self.object_name)
         for _ in range(PATIENCE_TICKS):
             if connection.channel().state == "ready":
@@ -184,8 +197,10 @@ class Session:
                                                    sculpt.joints, sculpt.rig.unweighted)
             everything = np.arange(sculpt.vertices, dtype=np.uint32)
             yield from weights.write_rows(self.object_name, layout, everything, sculpt.weights)
+            self._show_shape()
         except BaseException:  # cancelled, too
-            for _ in weights.Snapshot.restore(self.object_name, self.snapshot):
+            shapes.remove(self.object())
+            for _ in Snapshot.restore(self.object_name, self.snapshot):
                 pass
             raise
         data = self.object().data
@@ -195,6 +210,25 @@ class Session:
         data.update()
         self.topology = mesh.Topology(data)
         self.layout = layout
+
+    def _show_shape(self) -> None:
+        """Rest positions and corrective shapes of a session that was joined."""
+        sculpt, obj = self.sculpt, self.object()
+        if not np.array_equal(mesh.read_positions(obj.data), sculpt.rest):
+            shapes.write_positions(obj.data, sculpt.rest)
+        for name, offsets in sculpt.shown.shapes.items():
+            shapes.write(obj, name, sculpt.rest, offsets)
+        self.switch_shapes()
+
+    def switch_shapes(self, again: bool = False) -> None:
+        """The corrective shape of the pose that is seen now is switched on, and no other; when the
+        pose has changed, so that what an artist sets by hand stays until then."""
+        if not self.sculpt.shown.shapes:
+            return
+        name = "" if self.shown_before else self.sculpt.shape_in(self.pose())
+        if again or name != self._shape_shown:
+            self._shape_shown = name
+            shapes.switch(self.object(), name)
 
     # ---- strokes ----
 
@@ -211,6 +245,9 @@ class Session:
         if self.sculpt.problem:
             tell(self.sculpt.problem)
             self.sculpt.problem = ""
+        self.switch_shapes()
+        self.sculpt.ask_pins()
+        self._gather_guard()
         self.landing.begin_when_due()
 
     def solve(self) -> int:
@@ -234,16 +271,43 @@ class Session:
             return 0
         pose = self.pose()
         targets = sculpt.posed(vertices, pose, positions=shape)
-        sculpt.stroke(vertices, targets, pose, self._options(), host=shape)
+        chosen = options.usable(*self.settings())
+        if "pin" in chosen:
+            chosen |= self._mask(vertices)
+        sculpt.stroke(vertices, targets, pose, chosen, host=shape, label=rig.label(obj))
         return len(vertices)
 
-    def _options(self) -> dict:
-        """The artist's settings as far as this daemon knows them, and Blender's padlocks."""
-        obj = self.object()
+    def settings(self) -> tuple:
+        """The artist's settings, what this daemon can do, and Blender's padlocks."""
         names = set(self.sculpt.rig.names)
-        locked = [group.name for group in obj.vertex_groups
+        locked = [group.name for group in self.object().vertex_groups
                   if group.lock_weight and group.name in names]
-        return options.usable(bpy.context.scene.skind, connection.channel().capabilities, locked)
+        return bpy.context.scene.skind, connection.channel().capabilities, locked
+
+    def _mask(self, vertices: np.ndarray) -> dict:
+        """Sculpt Mode's mask as stroke.apply takes it, where the artist wants that."""
+        chosen, capabilities, _ = self.settings()
+        if not (chosen.use_mask and options.can("use_mask", capabilities)):
+            return {}
+        mask = mesh.read_mask(self.object().data)
+        return {} if mask is None else {"mask": 1 - mask[vertices]}
+
+    def want_guard(self) -> None:
+        """Which poses to keep has changed."""
+        self._guard_wanted = True
+
+    def _gather_guard(self) -> None:
+        is_needed = bpy.context.scene.skind.keep or self.sculpt.guard is not None
+        able = options.can("keep", connection.channel().capabilities)
+        may_begin = able and self.sculpt.phase == "ready" and jobs.current() is None
+        if self._guard_wanted and is_needed and may_begin:
+            self._guard_wanted = False
+            self.run(guards.gather(self), "Looking at other poses")
+
+    def edit(self, method: str, params: dict, on_done: Callable[[dict], None]) -> None:
+        """Asks for a step that is no stroke; what comes of it is shown as one."""
+        self.show(False)
+        self.sculpt.edit(method, params, on_done)
 
     def cancel_pending(self) -> None:
         """Gives up what is under way: a job, or the strokes without an answer."""
@@ -264,25 +328,54 @@ class Session:
             return
         self.landing.finish()
         sculpt = self.sculpt
-        shown = sculpt.start_weights if before else sculpt.weights
-        differing = skin.differing(sculpt.start_weights, sculpt.weights)
+        goal, other = (sculpt.start, sculpt.shown) if before else (sculpt.shown, sculpt.start)
         try:
-            self.write(differing, shown[differing])
+            self._write_state(goal, other)
         except jobs.Refused as error:
             tell(str(error))
-        else:
-            self.shown_before = before
+            return
+        if np.array_equal(mesh.read_positions(self.object().data), other.rest):  # not sculpted
+            shapes.write_positions(self.object().data, goal.rest)
+        self.shown_before = before
+        self.switch_shapes(again=True)
 
-    def write(self, vertices: np.ndarray, rows: np.ndarray) -> None:
-        """Writes rows into the mesh, all at once, and has it shown."""
+    def _write_state(self, goal: State, other: State) -> None:
+        """Has the mesh show the weights of one state, in place of another's."""
+        differing = goal.differing(other)
+        reslotted = len(skin.differing(goal.joints, other.joints)) > 0
+        self.write(differing, goal, reslotted)
+
+    def fit(self, vertices: np.ndarray) -> None:
+        """After Blender's undo: these vertices have other entries, for other bones."""
         try:
-            for _ in weights.write_rows(self.object_name, self.layout, vertices, rows):
-                pass
+            self.layout = weights.fit_slots(self.object_name, self.layout, self.sculpt.rig.names,
+                                            self.sculpt.joints, vertices, read=True)
         except weights.MeshChanged:
             for _ in self.mend():
                 pass
-            for _ in weights.write_rows(self.object_name, self.layout, vertices, rows):
+
+    def write(self, vertices: np.ndarray, state: State | None = None,
+              reslotted: bool = False) -> None:
+        """Has the mesh show the weights of vertices, all at once: what is shown, or a state's.
+
+        `reslotted`: their bones are not those that the mesh has entries for.
+        """
+        state = self.sculpt.shown if state is None else state
+
+        def write() -> None:
+            if reslotted:
+                self.layout = weights.fit_slots(self.object_name, self.layout,
+                                                self.sculpt.rig.names, state.joints, vertices)
+            for _ in weights.write_rows(self.object_name, self.layout, vertices,
+                                        state.weights[vertices]):
                 pass
+
+        try:
+            write()
+        except weights.MeshChanged:
+            for _ in self.mend():
+                pass
+            write()
         self.object().data.update()
 
     def mend(self):
@@ -348,7 +441,8 @@ class Session:
             if problem:
                 raise jobs.Refused(f"{problem} Or Finish, which leaves the mesh as it is")
             self.landing.put_back()
-            restoring = weights.Snapshot.restore(self.object_name, self.snapshot)
+            shapes.remove(self.object())
+            restoring = Snapshot.restore(self.object_name, self.snapshot)
             try:
                 for done in restoring:
                     yield done

@@ -95,7 +95,8 @@ def rejoin(context: bpy.types.Context) -> list[str]:
     name = remembered(obj)
     if name is None:
         return ["This mesh was not saved in a session."]
-    refusals = _occupied() or checks.refusals(obj, context.scene.skind, any_influences=True)
+    refusals = _occupied() or checks.refusals(obj, context.scene.skind, any_influences=True,
+                                              own_keys=True)
     if not refusals:
         session = _take(obj.name)
         session.run(session.rejoin(name, int(context.scene.skind.influences)), f"Rejoining {name}")

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The vertex groups of a mesh: read whole, snapshot and restore to the bit, written slot by slot.
+"""The vertex groups of a mesh: read whole, written slot by slot.
 
-Main thread. This module alone changes groups and their entries; it knows no daemon and no session.
-A vertex has *entries* (group, weight) in an order of its own. The daemon has N *slots* a vertex,
-each with a bone. `make_slots` gives every slot an entry, so that later writes are one call a
-vertex, whole rows of weights, which is many times as fast as adding to groups:
+Main thread. This module and snapshot.py alone change groups and their entries; they know no daemon
+and no session. A vertex has *entries* (group, weight) in an order of its own. The daemon has N
+*slots* a vertex, each with a bone. `make_slots` gives every slot an entry, so that later writes are one call a vertex,
+whole rows of weights, which is many times as fast as adding to groups:
 
     entries of a vertex    [ arm 0.5 | cloth 1.0 | spine 0.5 | hand 0 ]    hand: added, "padding"
     Layout.slots           [    1    |   KEEP    |     0     |    2   ]
 
 Blender appends a new entry, and fills the gap of a removed one with the vertex's last. What is
-added here stands behind what was there, so removing it again leaves the old order.
+added here stands behind what was there, so removing it again leaves the old order. For the same
+reason an entry stays, with weight zero, when its bone loses the slot; the end takes it away.
 
 Everything that walks over vertices is a job (a generator in pieces of about a millisecond that
 yields progress, 0 to 1) and finds its object by name after each yield. Objects must not be in Edit
@@ -19,9 +20,6 @@ Mode: Blender then refuses changes to groups.
 
 from __future__ import annotations
 
-import json
-import struct
-import zlib
 from dataclasses import dataclass
 from typing import Any, Generator, Iterable, Iterator, TypeVar
 
@@ -29,12 +27,12 @@ import bpy
 import numpy as np
 
 from ..core.skin import NO_BONE
-from .mesh import read_positions
 
 T = TypeVar("T")
 Progress = Generator["float | None", None, T]
 
-KEEP, OUTSIDE = -1, -2  # a layout's marks: not a bone's entry; a bone's that has no slot
+# A layout's marks: not a bone's entry; a bone's that has no slot; one's that has none any more.
+KEEP, OUTSIDE, LEFT = -1, -2, -3
 
 READ_AT_ONCE = 256  # vertices: below 1 ms with the 12 groups that a vertex of a rig may have
 WRITE_AT_ONCE = 500
@@ -93,17 +91,8 @@ def entries(obj_name: str) -> Progress[Entries]:
     groups: list[np.ndarray] = []
     weights: list[np.ndarray] = []
     for first in range(0, count, READ_AT_ONCE):
-        vertices = mesh_named(obj_name, count).vertices[first:first + READ_AT_ONCE]
-        # Faster than foreach_get on each vertex's few entries, and flat lists of numbers, because
-        # tuples by the thousand would set off collections of garbage, 15 ms each.
-        members: list[int] = []
-        values: list[float] = []
-        ends: list[int] = []
-        for vertex in vertices:
-            for entry in vertex.groups:
-                members.append(entry.group)
-                values.append(entry.weight)
-            ends.append(len(members))
+        members, values, ends = _read(
+            mesh_named(obj_name, count).vertices[first:first + READ_AT_ONCE])
         offsets[first + 1:first + 1 + len(ends)] = np.add(ends, offsets[first])
         groups.append(np.array(members, np.int32))
         weights.append(np.array(values, np.float32))
@@ -112,7 +101,22 @@ def entries(obj_name: str) -> Progress[Entries]:
                    np.concatenate([np.zeros(0, np.float32), *weights]))
 
 
-def _spread(offsets: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _read(vertices: Iterable[bpy.types.MeshVertex]) -> tuple[list[int], list[float], list[int]]:
+    """Groups and weights of their entries, and where each vertex's end."""
+    # Faster than foreach_get on each vertex's few entries, and flat lists of numbers, because
+    # tuples by the thousand would set off collections of garbage, 15 ms each.
+    members: list[int] = []
+    values: list[float] = []
+    ends: list[int] = []
+    for vertex in vertices:
+        for entry in vertex.groups:
+            members.append(entry.group)
+            values.append(entry.weight)
+        ends.append(len(members))
+    return members, values, ends
+
+
+def spread(offsets: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The entries of some vertices: (indexes into them all, which of `vertices` owns each, ends).
 
     The entries of vertices[i] are those at ends[i]:ends[i + 1] of the result.
@@ -133,7 +137,7 @@ def _by_group(groups: np.ndarray, vertices: np.ndarray) -> Iterator[tuple[int, l
         yield int(groups[part[0]]), vertices[part].tolist()
 
 
-def _add(obj_name: str, groups: np.ndarray, vertices: np.ndarray) -> Progress[None]:
+def add_entries(obj_name: str, groups: np.ndarray, vertices: np.ndarray) -> Progress[None]:
     """Job: appends an entry of weight zero for each pair; those of a vertex by ascending group."""
     for group, members in _by_group(groups, vertices):
         object_named(obj_name).vertex_groups[group].add(members, 0.0, "ADD")
@@ -141,7 +145,7 @@ def _add(obj_name: str, groups: np.ndarray, vertices: np.ndarray) -> Progress[No
             yield None
 
 
-def _remove(obj_name: str, groups: np.ndarray, vertices: np.ndarray) -> Progress[None]:
+def remove_entries(obj_name: str, groups: np.ndarray, vertices: np.ndarray) -> Progress[None]:
     """Job: removes the entry of each pair."""
     for group, members in _by_group(groups, vertices):
         object_named(obj_name).vertex_groups[group].remove(members)
@@ -177,12 +181,12 @@ class Batch:
     rows: list[np.ndarray]
 
 
-def _batch(vertices: np.ndarray, ends: np.ndarray, flat: np.ndarray) -> Batch:
+def make_batch(vertices: np.ndarray, ends: np.ndarray, flat: np.ndarray) -> Batch:
     """Cuts flat at the ends: what can be done before the writing itself."""
     return Batch(vertices.tolist(), list(_parts(flat, ends)))
 
 
-def _set(vertices: Any, batch: Batch) -> None:
+def set_weights(vertices: Any, batch: Batch) -> None:
     """Writes the weights of whole vertices; they keep their bits, which one by one they do not."""
     try:
         for index, row in zip(batch.vertices, batch.rows):
@@ -194,174 +198,6 @@ def _set(vertices: Any, batch: Batch) -> None:
 def _stale() -> MeshChanged:
     return MeshChanged("vertex groups were changed outside of Skind; their slots have to be made"
                        " again")
-
-
-# --- A mesh as it was ---------------------------------------------------------------------------
-
-_MAGIC = b"SKS1"
-_HEAD_BYTES_MAX = 1 << 24
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """A mesh's rest shape, and its vertex groups with names, order, locks and entries."""
-
-    names: list[str]
-    locks: list[bool]
-    active: int
-    entries: Entries
-    positions: np.ndarray  # f32 [V,3]
-
-    @staticmethod
-    def take(obj_name: str) -> Progress["Snapshot"]:
-        """Job: reads it."""
-        found = yield from entries(obj_name)
-        obj = object_named(obj_name)
-        return Snapshot(group_names(obj), [group.lock_weight for group in obj.vertex_groups],
-                        obj.vertex_groups.active_index, found, read_positions(obj.data))
-
-    @staticmethod
-    def restore(obj_name: str, snapshot: "Snapshot") -> Progress[None]:
-        """Job: makes the object what it was when the snapshot was taken, to the bit.
-
-        Whatever happened to groups and entries since; the vertices must be the same ones. Raises
-        MeshChanged where they are not.
-        """
-        count = len(snapshot.positions)
-        mesh_named(obj_name, count)
-        yield from _restore_groups(obj_name, snapshot)
-        found = yield from within(entries(obj_name), 0.0, 0.5)
-        for first in range(0, count, ARRAYS_AT_ONCE):
-            vertices = np.arange(first, min(first + ARRAYS_AT_ONCE, count))
-            mesh_named(obj_name, count)
-            yield from _restore_entries(obj_name, found, snapshot.entries, vertices)
-            yield 0.5 + 0.5 * first / count
-        obj, mesh = object_named(obj_name), mesh_named(obj_name, count)
-        for group, lock in zip(obj.vertex_groups, snapshot.locks):
-            if group.lock_weight != lock:
-                group.lock_weight = lock
-        if snapshot.names and obj.vertex_groups.active_index != snapshot.active:
-            obj.vertex_groups.active_index = snapshot.active
-        if read_positions(mesh).tobytes() != snapshot.positions.tobytes():
-            mesh.vertices.foreach_set("co", snapshot.positions.ravel())
-        mesh.update()
-
-    def to_bytes(self) -> bytes:
-        """All of it, compressed. Half a second for a million vertices."""
-        counts = np.diff(self.entries.offsets)
-        head = json.dumps({"names": self.names, "locks": self.locks, "active": self.active,
-                           "vertices": len(self.positions), "entries": len(self.entries.groups),
-                           }).encode()
-        body = b"".join(_planes(part) for part in (
-            counts.astype(np.uint32), self.entries.groups.astype(np.uint32),
-            self.entries.weights, self.positions))
-        return _MAGIC + struct.pack("<I", len(head)) + head + zlib.compress(body, 1)
-
-    @staticmethod
-    def from_bytes(data: bytes) -> "Snapshot":
-        """What to_bytes made. Raises ValueError for anything else: it comes from a file."""
-        try:
-            return _parse(data)
-        except (ValueError, KeyError, TypeError, struct.error, zlib.error, RecursionError) as error:
-            raise ValueError(f"this is not what Skind saved: {error}") from error
-
-
-def _planes(values: np.ndarray) -> bytes:
-    """32-bit values as four planes of bytes: much of a plane is alike, which compresses."""
-    return np.ascontiguousarray(values).reshape(-1).view(np.uint8).reshape(-1, 4).T.tobytes()
-
-
-def _parse(data: bytes) -> Snapshot:
-    if data[:4] != _MAGIC:
-        raise ValueError("it begins otherwise")
-    head_bytes, = struct.unpack_from("<I", data, 4)
-    if head_bytes > min(_HEAD_BYTES_MAX, len(data) - 8):
-        raise ValueError("its head is too long")
-    head = json.loads(data[8:8 + head_bytes])
-    names, locks, active = head["names"], head["locks"], head["active"]
-    vertices, total = head["vertices"], head["entries"]
-    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)
-            and len(set(names)) == len(names) and isinstance(locks, list)
-            and len(locks) == len(names) and all(isinstance(lock, bool) for lock in locks)
-            and all(type(number) is int for number in (active, vertices, total))
-            and -1 <= active <= len(names) and vertices >= 0 and total >= 0):
-        raise ValueError("its head does not fit together")
-    sizes = [vertices, total, total, vertices * 3]
-    # zlib shrinks to a thousandth at best: this bounds what a short file can ask for.
-    if sum(sizes) * 4 > 1100 * len(data):
-        raise ValueError("it is cut off")
-    unpacker = zlib.decompressobj()
-    body = unpacker.decompress(data[8 + head_bytes:], sum(sizes) * 4 + 1)
-    if len(body) != sum(sizes) * 4 or not unpacker.eof or unpacker.unused_data:
-        raise ValueError("it is cut off")
-    parts, at = [], 0
-    for size in sizes:
-        planes = np.frombuffer(body, np.uint8, size * 4, at).reshape(4, size)
-        parts.append(np.ascontiguousarray(planes.T).reshape(-1).view(np.uint32))
-        at += size * 4
-    counts, groups, weights, positions = parts
-    offsets = np.zeros(vertices + 1, np.int64)
-    np.cumsum(counts, out=offsets[1:])
-    if offsets[-1] != total or (total and groups.max() >= len(names)):
-        raise ValueError("its entries do not fit together")
-    keys = np.repeat(np.arange(vertices), counts) * max(len(names), 1) + groups
-    if len(np.unique(keys)) != total:
-        raise ValueError("a vertex is in a group twice")
-    return Snapshot(names, locks, active,
-                    Entries(offsets, groups.astype(np.int32), weights.view(np.float32)),
-                    positions.view(np.float32).reshape(-1, 3))
-
-
-def _restore_groups(obj_name: str, snapshot: Snapshot) -> Progress[None]:
-    """Gives the object the snapshot's groups; entries in groups that were there before stay."""
-    obj = object_named(obj_name)
-    names, wanted = group_names(obj), snapshot.names
-    if names[:len(wanted)] == wanted:
-        for name in reversed(names[len(wanted):]):
-            obj = object_named(obj_name)
-            obj.vertex_groups.remove(obj.vertex_groups[name])
-            yield None
-        return
-    # Renamed, removed, or in another order: all entries are written anew.
-    obj.vertex_groups.clear()
-    for name in wanted:
-        obj.vertex_groups.new(name=name)
-
-
-def _restore_entries(obj_name: str, found: Entries, wanted: Entries,
-                     vertices: np.ndarray) -> Progress[None]:
-    """Job: gives some vertices the entries wanted, in their order."""
-    have, have_owner, have_ends = _spread(found.offsets, vertices)
-    want, want_owner, want_ends = _spread(wanted.offsets, vertices)
-    have_groups, want_groups = found.groups[have], wanted.groups[want]
-    # A vertex whose entries begin with those wanted keeps them; of any other, none is of use.
-    begins = np.diff(have_ends) >= np.diff(want_ends)
-    place = np.arange(len(want)) - want_ends[:-1][want_owner]
-    there = begins[want_owner]
-    twin = have_ends[:-1][want_owner[there]] + place[there]
-    begins[want_owner[there][have_groups[twin] != want_groups[there]]] = False
-
-    have_place = np.arange(len(have)) - have_ends[:-1][have_owner]
-    surplus = ~begins[have_owner] | (have_place >= np.diff(want_ends)[have_owner])
-    yield None
-    yield from _remove(obj_name, have_groups[surplus], vertices[have_owner[surplus]])
-    missing = ~begins[want_owner]
-    for turn in range(int(place[missing].max(initial=-1)) + 1):
-        now = missing & (place == turn)
-        yield from _add(obj_name, want_groups[now], vertices[want_owner[now]])
-
-    weights = wanted.weights[want]
-    differs = ~begins
-    twin = have_ends[:-1][want_owner] + place
-    kept = begins[want_owner]
-    changed = (found.weights[have][twin[kept]].view(np.uint32) != weights[kept].view(np.uint32))
-    differs[want_owner[kept][changed]] = True
-    written = vertices[differs]
-    for first in range(0, len(written), WRITE_AT_ONCE):
-        part = written[first:first + WRITE_AT_ONCE]
-        index, _, ends = _spread(wanted.offsets, part)
-        _set(object_named(obj_name).data.vertices, _batch(part, ends, wanted.weights[index]))
-        yield None
 
 
 # --- Slots --------------------------------------------------------------------------------------
@@ -376,7 +212,7 @@ class Layout:
     added: list[str]  # those of them that were made for it
     offsets: np.ndarray  # i64 [V + 1]
     members: np.ndarray  # i32 [E] group of each entry
-    slots: np.ndarray  # i8 [E] slot of each entry, KEEP or OUTSIDE
+    slots: np.ndarray  # i8 [E] slot of each entry, KEEP, OUTSIDE or LEFT
     padding: np.ndarray  # bool [E] entries that were made for it
     skip: np.ndarray  # bool [V] vertices that have no slots: never written
 
@@ -392,31 +228,18 @@ def make_slots(obj_name: str, names: list[str], joints: np.ndarray,
     count, influences = joints.shape
     mesh_named(obj_name, count)
     found = yield from within(entries(obj_name), 0.0, 0.7)
-    obj = object_named(obj_name)
-    there = {group.name for group in obj.vertex_groups}
-    used = np.zeros(NO_BONE + 1, bool)
-    used[joints[~skip]] = True
-    added = [names[bone] for bone in np.flatnonzero(used[:NO_BONE]) if names[bone] not in there]
-    active = obj.vertex_groups.active_index
-    for name in added:
-        obj.vertex_groups.new(name=name)
-    if added and active >= 0:
-        obj.vertex_groups.active_index = active  # a new group makes itself the active one
-    groups = group_names(obj)
-    index_of = {name: index for index, name in enumerate(groups)}
-    group_of = np.array([index_of.get(name, -1) for name in names] or [-1], np.int32)
-    is_bone = np.isin(np.arange(len(groups)), group_of)
+    added = _make_groups(object_named(obj_name), names, joints[~skip])
+    groups = group_names(object_named(obj_name))
+    group_of, is_bone = _bones_of(groups, names)
 
     counts = np.zeros(count + 1, np.int64)
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for first in range(0, count, ARRAYS_AT_ONCE):
         vertices = np.arange(first, min(first + ARRAYS_AT_ONCE, count))
-        bones = joints[vertices]
-        free = (bones == NO_BONE) | skip[vertices, None]
-        wanted = np.where(free, -1, group_of[np.where(free, 0, bones)])
-        index, owners, _ = _spread(found.offsets, vertices)
+        wanted = _wanted(joints[vertices], skip[vertices], group_of)
+        index, owners, _ = spread(found.offsets, vertices)
         owners, members, slots, missing = _match(found.groups[index], owners, wanted, is_bone)
-        yield from _add(obj_name, members[missing], vertices[owners[missing]])
+        yield from add_entries(obj_name, members[missing], vertices[owners[missing]])
         counts[vertices + 1] = np.bincount(owners, minlength=len(vertices))
         parts.append((members, slots, missing))
         yield 0.7 + 0.3 * first / count
@@ -426,25 +249,113 @@ def make_slots(obj_name: str, names: list[str], joints: np.ndarray,
                   np.array(skip, bool))
 
 
+def _make_groups(obj: bpy.types.Object, names: list[str], joints: np.ndarray) -> list[str]:
+    """Makes the groups that these bones lack; returns their names."""
+    there = {group.name for group in obj.vertex_groups}
+    used = np.zeros(NO_BONE + 1, bool)
+    used[joints] = True
+    added = [names[bone] for bone in np.flatnonzero(used[:NO_BONE]) if names[bone] not in there]
+    active = obj.vertex_groups.active_index
+    for name in added:
+        obj.vertex_groups.new(name=name)
+    if added and active >= 0:
+        obj.vertex_groups.active_index = active  # a new group makes itself the active one
+    return added
+
+
+def _bones_of(groups: list[str], names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """The group of each bone, i32, -1 for none; and which groups are bones'."""
+    index_of = {name: index for index, name in enumerate(groups)}
+    group_of = np.array([index_of.get(name, -1) for name in names] or [-1], np.int32)
+    return group_of, np.isin(np.arange(len(groups)), group_of)
+
+
+def _wanted(bones: np.ndarray, skip: np.ndarray, group_of: np.ndarray) -> np.ndarray:
+    """The group of each slot of bones u16 [n,N], -1 for none."""
+    free = (bones == NO_BONE) | skip[:, None]
+    return np.where(free, -1, group_of[np.where(free, 0, bones)])
+
+
+def fit_slots(obj_name: str, layout: Layout, names: list[str], joints: np.ndarray,
+              vertices: np.ndarray, read: bool = False) -> Layout:
+    """The layout after some vertices have got other bones: joints u16 [V,N]. In one piece.
+
+    Entries that they lack are made, with weight zero. `read`: what entries they have is looked up
+    in the mesh, because Blender's undo has changed it. Raises MeshChanged.
+    """
+    obj = object_named(obj_name)
+    vertices = np.unique(vertices[~layout.skip[vertices]])
+    there = group_names(obj)
+    if there[:len(layout.groups)] != layout.groups[:len(there)] or (
+            not read and there != layout.groups):
+        raise _stale()
+    added = _make_groups(obj, names, joints[vertices])
+    groups = group_names(obj)
+    group_of, is_bone = _bones_of(groups, names)
+    index, owners, _ = spread(layout.offsets, vertices)
+    members, width = layout.members[index], len(groups) + len(layout.groups)
+    known = owners * width + members
+    if read:
+        every = obj.data.vertices
+        found, _, ends = _read(every[vertex] for vertex in vertices.tolist())
+        members = np.array(found, np.int32)
+        owners = np.repeat(np.arange(len(vertices)), np.diff(ends, prepend=0))
+    owners, members, slots, missing = _match(
+        members, owners, _wanted(joints[vertices], layout.skip[vertices], group_of), is_bone)
+    for _ in add_entries(obj_name, members[missing], vertices[owners[missing]]):
+        pass
+    # What the old layout says of the same entries; those that it does not know are ours.
+    order = np.argsort(known)
+    keys = owners * width + members
+    place = np.minimum(np.searchsorted(known[order], keys), max(len(known) - 1, 0))
+    twin = index[order[place]] if len(known) else np.zeros(len(keys), np.int64)
+    is_known = known[order[place]] == keys if len(known) else np.zeros(len(keys), bool)
+    padding = np.where(is_known, layout.padding[twin], True)
+    had_slot = is_known & (layout.slots[twin] != OUTSIDE)
+    slots[(slots == OUTSIDE) & (had_slot | ~is_known)] = LEFT
+    return _spliced(layout, vertices, owners, (members, slots, padding), groups,
+                    [name for name in layout.added if name in groups] + added)
+
+
+def _spliced(layout: Layout, vertices: np.ndarray, owners: np.ndarray,
+             entries_of: tuple[np.ndarray, np.ndarray, np.ndarray], groups: list[str],
+             added: list[str]) -> Layout:
+    """The layout with other entries (groups, slots, padding; by owner) for some vertices."""
+    counts = np.diff(layout.offsets)
+    changed = np.zeros(len(layout.skip), bool)
+    changed[vertices] = True
+    kept = ~np.repeat(changed, counts)
+    whose = np.concatenate([np.repeat(np.arange(len(changed)), counts)[kept], vertices[owners]])
+    order = np.argsort(whose, kind="stable")
+    counts[vertices] = np.bincount(owners, minlength=len(vertices))
+    members, slots, padding = (
+        np.concatenate([old[kept], new.astype(old.dtype)])[order]
+        for old, new in zip((layout.members, layout.slots, layout.padding), entries_of))
+    return Layout(layout.influences, groups, added, np.concatenate([[0], np.cumsum(counts)]),
+                  members, slots, padding, layout.skip)
+
+
 def make_slots_again(obj_name: str, old: Layout, names: list[str],
                      joints: np.ndarray) -> Progress[Layout]:
     """Job: make_slots after groups were changed outside; still knows what the old one added."""
     new = yield from make_slots(obj_name, names, joints, old.skip)
     for ours, those in _pairs(new, old.groups, old.offsets, old.members):
         new.padding[ours] |= np.isin(those.ours, those.theirs[old.padding[those.index]])
+        left = np.isin(those.ours, those.theirs[old.slots[those.index] == LEFT])
+        new.slots[ours] = np.where(left & (new.slots[ours] == OUTSIDE), LEFT, new.slots[ours])
         yield None
     new.added.extend(name for name in old.added if name in new.groups and name not in new.added)
     return new
 
 
-def count_added_since(layout: Layout, names: list[str], before: Snapshot) -> Progress[None]:
-    """Job: what bones' groups hold and did not in the snapshot counts as added for the slots."""
-    groups, offsets = before.entries.groups, before.entries.offsets
-    for ours, those in _pairs(layout, before.names, offsets, groups):
+def count_added_since(layout: Layout, names: list[str], group_names_then: list[str],
+                      then: Entries) -> Progress[None]:
+    """Job: what bones' groups hold now and did not then counts as added for the slots."""
+    for ours, those in _pairs(layout, group_names_then, then.offsets, then.groups):
         of_bones = layout.slots[ours] != KEEP
         layout.padding[ours] |= of_bones & ~np.isin(those.ours, those.theirs)
         yield None
-    known = {*before.names, *layout.added}
+    known = {*group_names_then, *layout.added}
     layout.added.extend(name for name in names if name in layout.groups and name not in known)
 
 
@@ -465,8 +376,8 @@ def _pairs(layout: Layout, names: list[str], offsets: np.ndarray,
     count, width = len(layout.skip), len(layout.groups) + 1
     for first in range(0, count, ARRAYS_AT_ONCE):
         vertices = np.arange(first, min(first + ARRAYS_AT_ONCE, count))
-        index, their_owners, _ = _spread(offsets, vertices)
-        ours, owners, _ = _spread(layout.offsets, vertices)
+        index, their_owners, _ = spread(offsets, vertices)
+        ours, owners, _ = spread(layout.offsets, vertices)
         # A group that is gone: a number that none of ours has.
         groups = np.where(group_now[members[index]] < 0, width - 1, group_now[members[index]])
         yield ours, _Pairs(owners * width + layout.members[ours], their_owners * width + groups,
@@ -522,7 +433,7 @@ def prepare_rows(obj_name: str, layout: Layout, vertices: np.ndarray,
     batches = []
     for first in range(0, len(vertices), WRITE_AT_ONCE):
         part = vertices[first:first + WRITE_AT_ONCE]
-        index, owners, ends = _spread(layout.offsets, part)
+        index, owners, ends = spread(layout.offsets, part)
         slots = layout.slots[index]
         of_bones = rows[first:first + WRITE_AT_ONCE][owners, slots]
         of_bones[slots < 0] = 0
@@ -530,7 +441,7 @@ def prepare_rows(obj_name: str, layout: Layout, vertices: np.ndarray,
         if others.any():
             target = object_named(obj_name).data.vertices
             of_bones[others] = _get(target, part, ends)[others]
-        batches.append(_batch(part, ends, of_bones))
+        batches.append(make_batch(part, ends, of_bones))
         yield first / len(vertices)
     return batches
 
@@ -542,7 +453,7 @@ def write_batch(obj_name: str, layout: Layout, batches: list[Batch]) -> None:
     """
     target = _fresh(obj_name, layout).data.vertices
     for batch in batches:
-        _set(target, batch)
+        set_weights(target, batch)
 
 
 def write_rows(obj_name: str, layout: Layout, vertices: np.ndarray,
@@ -556,7 +467,7 @@ def write_rows(obj_name: str, layout: Layout, vertices: np.ndarray,
 def read_rows(obj_name: str, layout: Layout, vertices: np.ndarray) -> np.ndarray:
     """f32 [n,N]: what the slots of some vertices hold in Blender; free slots and skip: zero."""
     vertices = np.asarray(vertices)
-    index, owners, ends = _spread(layout.offsets, vertices)
+    index, owners, ends = spread(layout.offsets, vertices)
     weights = _get(_fresh(obj_name, layout).data.vertices, vertices, ends)
     slots = layout.slots[index]
     taken = slots >= 0
@@ -576,15 +487,15 @@ def remove_padding(obj_name: str, layout: Layout) -> Progress[None]:
     left = np.zeros(len(layout.groups), np.int64)
     for first in range(0, count, ARRAYS_AT_ONCE):
         vertices = np.arange(first, min(first + ARRAYS_AT_ONCE, count))
-        index, owners, _ = _spread(found.offsets, vertices)
+        index, owners, _ = spread(found.offsets, vertices)
         members = found.groups[index]
-        ours, our_owners, _ = _spread(layout.offsets, vertices)
-        ours_added = layout.padding[ours]
+        ours, our_owners, _ = spread(layout.offsets, vertices)
+        ours_added = layout.padding[ours] | (layout.slots[ours] == LEFT)
         # By vertex and group rather than by place: others may have added and removed as well.
         keys = owners * len(left) + members
         added = np.isin(keys, (our_owners * len(left) + layout.members[ours])[ours_added])
         idle = added & (found.weights[index] == 0)
-        yield from _remove(obj_name, members[idle], vertices[owners[idle]])
+        yield from remove_entries(obj_name, members[idle], vertices[owners[idle]])
         left += np.bincount(members[~idle], minlength=len(left))
         yield 0.7 + 0.3 * first / count
     active = object_named(obj_name).vertex_groups.active

@@ -68,13 +68,22 @@ SHARE = _ramp(SHARE_KNOTS)
 
 # ---- measures ----
 
-def weight_change(start: np.ndarray, now: np.ndarray) -> np.ndarray:
+def weight_change(start_joints: np.ndarray, start: np.ndarray, joints: np.ndarray,
+                  now: np.ndarray) -> np.ndarray:
     """f32 [n], 0 to 1: the part of a vertex's weight that went to other bones.
 
-    Half the L1 distance between rows [n,N] of the same slots, each divided by its sum as it is for
+    Half the L1 distance, bone by bone, between rows [n,N], each divided by its sum as it is for
     skinning; a row without weight counts as nothing.
     """
-    return np.abs(_shares(now) - _shares(start)).sum(axis=1, dtype=np.float32) * np.float32(0.5)
+    before, after = _shares(start), _shares(now)
+    change = np.abs(after - before)
+    rows = (start_joints != joints).any(axis=1)
+    if rows.any():  # by bone, and no longer slot by slot
+        alike = start_joints[rows][:, None, :] == joints[rows][:, :, None]
+        was = np.where(alike, before[rows][:, None, :], 0).sum(axis=2)
+        gone = np.where(alike.any(axis=1), 0, before[rows])
+        change[rows] = np.abs(after[rows] - was) + gone
+    return change.sum(axis=1, dtype=np.float32) * np.float32(0.5)
 
 
 def _shares(weights: np.ndarray) -> np.ndarray:

@@ -7,13 +7,13 @@ Each is a conversation with the daemon, written in one piece (see Sculpt.follow)
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Generator
 
 import numpy as np
 
-from . import skin
 from .rig import Y_UP, Rig, Space
-from .sculpt import Sculpt, Talk
+from .sculpt import Held, Sculpt, Talk, changes_to
 from .wire import SkindError
 
 NAME_BYTES_MAX = 64
@@ -77,7 +77,7 @@ def _create(sculpt: Sculpt, wish: str) -> Talk:
 
 def _attach(sculpt: Sculpt) -> Talk:
     yield "session.attach", {}
-    held = yield "weights.get", {}
+    held = yield from sculpt.fetch()
     if sculpt.phase == "ended":  # left while it was being opened
         yield from _leave(sculpt)
     else:
@@ -91,13 +91,15 @@ def _join(sculpt: Sculpt) -> Talk:
     sculpt.source = info["source"]
     # What tools made from arrays ends with the last of them; what a file holds has its own life.
     sculpt.is_ours = not sculpt.source
-    sculpt.space = match(sculpt.rig, info, mesh)
+    sculpt.rig, sculpt.space = match(sculpt.rig, info, mesh)
     sculpt.creation = {"influences": info["influences"], "reduce": "largest"}
     yield from _attach(sculpt)
 
 
-def match(rig: Rig, info: dict, mesh: dict) -> Space:
-    """How a session is this rig. Raises SkindError with the reason when it is another."""
+def match(rig: Rig, info: dict, mesh: dict) -> tuple[Rig, Space]:
+    """How a session is this rig, and the rig as the session began: the mesh may have been saved
+    with rest positions that strokes had moved. Raises SkindError with the reason when it is
+    another."""
     def refuse(why: str) -> SkindError:
         return SkindError(0, "another_mesh", f"session \"{info['session']}\" is not of this mesh: "
                           + why, "open the mesh that it was made from")
@@ -109,10 +111,18 @@ def match(rig: Rig, info: dict, mesh: dict) -> Space:
     if missing:
         raise refuse(f"the armature has no deforming bone \"{missing[0]}\"")
     near = SAME_PLACE * max(info["length"], np.finfo(np.float32).tiny)
+    start = mesh["positions"]
+    rest = mesh["rest"]
     for turn in (np.eye(4), Y_UP):
         turned = rig.positions @ turn[:3, :3].T
-        if np.abs(turned - mesh["positions"]).max() <= near:
-            return Space(rig, names, mesh["inverse_binds"].reshape(-1, 4, 4), turn)
+        here = np.abs(turned - start) <= near
+        if not (here | (np.abs(turned - rest) <= near)).all():
+            continue
+        if not here.all() or np.array_equal(turned.astype(np.float32), rest):
+            moved = (rest != start).any(axis=1)
+            began = (start @ turn[:3, :3]).astype(np.float32)
+            rig = replace(rig, positions=np.where(moved[:, None], began, rig.positions))
+        return rig, Space(rig, names, mesh["inverse_binds"].reshape(-1, 4, 4), turn, start)
     raise refuse("its vertices are in other places")
 
 
@@ -124,15 +134,19 @@ def _resume(sculpt: Sculpt) -> Talk:
             raise
         sculpt.must_tell = True  # stays until it is done, over further losses
         yield from _create_again(sculpt)
-    held = yield "weights.get", {}
-    if held["joints"].shape != sculpt.held_joints.shape or (
-            held["joints"] != sculpt.held_joints).any():
+    held = yield from sculpt.fetch()
+    if (yield from _is_another(sculpt, held)):
         sculpt.end(f"session \"{sculpt.name}\" is another one now; Finish, and Start again")
         sculpt.is_ours = sculpt.must_tell  # what we made just now; anything else is another's
         yield from _leave(sculpt)
         return
     if sculpt.must_tell:
         held = yield from _tell(sculpt, held)
+        if sculpt.pins:
+            sculpt.problem = ("skind was started again, and does not know any more what was "
+                              "sculpted in which pose; weights are what they were")
+    if sculpt.guard is not None:
+        yield "guard.set", sculpt.guard_params()
     if sculpt.phase == "ended":  # left meanwhile
         yield from _leave(sculpt)
     else:
@@ -150,12 +164,30 @@ def _create_again(sculpt: Sculpt) -> Talk:
     yield "session.attach", {}
 
 
-def _tell(sculpt: Sculpt, held: dict) -> Generator[tuple[str, dict], dict, dict]:
+def _is_another(sculpt: Sculpt, held: Held) -> Generator[tuple[str, dict], dict, bool]:
+    """A session of the name that is not the one we had."""
+    if held.state.joints.shape != sculpt.joints.shape:
+        return True
+    if np.array_equal(held.state.joints, sculpt.held.joints):
+        return False
+    if held.revision == 0 and sculpt.first_joints is not None:
+        return not np.array_equal(held.joints, sculpt.first_joints)
+    info = yield "session.info", {}
+    return ([bone["name"] for bone in info["bones"]] != sculpt.space.names
+            or info["length"] != sculpt.length)
+
+
+def _tell(sculpt: Sculpt, held: Held) -> Generator[tuple[str, dict], dict, Held]:
     """The daemon knows the start; what was answered since is ours to tell. What it holds then."""
-    ahead = skin.differing(held["weights"], sculpt.truth)
-    if len(ahead):
-        yield "weights.set", {"vertices": ahead, "weights": sculpt.truth[ahead]}
-        held = yield "weights.get", {}  # others may have been at work since
+    changes = changes_to(sculpt.held, held.state)
+    for change in changes:
+        if change.shape and sculpt.poses.get(change.shape) is None:
+            continue  # another tool's, which alone knows the pose
+        if change.shape:
+            yield "pose.set", sculpt.pose_params(change.shape)
+        yield "weights.set", sculpt.space.params(change)
+    if changes:
+        held = yield from sculpt.fetch()  # others may have been at work since
     sculpt.must_tell = False
     return held
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What an artist may set, and which of it the daemon that answered can do. Pure.
 
-A settings object has the attributes `stiffness` and `method` ("exact", "thesis"); the other options
-wait for their members in stroke.apply. What a daemon does not name among its capabilities is never
-sent to it.
+A settings object has the attributes that `usable` reads. What a daemon does not name among its
+capabilities is never sent to it.
 """
 
 from __future__ import annotations
@@ -13,12 +12,20 @@ from typing import Any, Collection, Sequence
 # option, or one value of it -> the capability that it needs, and what it does
 NEEDS: dict[str, tuple[str, str]] = {
     "influences.8": ("influences.8", "hold 8 influences"),
+    "automatic": ("stiffness.auto", "choose the stiffness"),
     "method.thesis": ("method.thesis", "solve by the thesis's method"),
-    "keep_poses": ("guards", "keep other poses"),
+    "pins": ("pins", "keep targets in several poses"),
+    "keep": ("guards", "keep other poses"),
+    "slots.EVIDENCE": ("slots.evidence", "let vertices use other bones"),
     "smoothing": ("smoothing", "smooth the change"),
+    "mix": ("mix", "go a part of the way"),
+    "use_mask": ("mix", "take masks"),
     "residual.REST": ("residual.rest", "move the rest shape"),
     "residual.SHAPE": ("residual.shape", "make corrective shape keys"),
     "locks": ("locks", "leave locked groups alone"),
+    "mirror": ("mirror", "mirror weights"),
+    "prune": ("prune", "prune weights"),
+    "reduce": ("reduce", "reduce influences by what poses show"),
 }
 
 
@@ -39,15 +46,41 @@ def reason(option: str, hello: dict) -> str:
     return f"{name} cannot {does} yet: needs capability `{capability}`."
 
 
-def usable(settings: Any, capabilities: Collection[str], locked: Sequence[str] = ()) -> dict:
-    """The members of stroke.apply's params that come from the settings.
+def _number(value: float) -> float:
+    """A host's single-precision float as it was typed: 0.008 should go out as 0.008."""
+    return float(f"{value:.7g}")
 
-    `locked` names the bones whose weights must stay.
+
+def solving(settings: Any, capabilities: Collection[str], locked: Sequence[str] = ()) -> dict:
+    """The members that say how to solve: of stroke.apply's params and of pins.solve's.
+
+    `locked` names the bones whose weights must stay. What the daemon does by itself when nothing
+    is said is not sent.
     """
-    # A host's single-precision float: 0.008 should go out as 0.008.
-    params: dict[str, Any] = {"stiffness": float(f"{settings.stiffness:.7g}")}
-    if can(f"method.{settings.method}", capabilities):
-        params["method"] = settings.method
+    params: dict[str, Any] = {}
+    if not (settings.automatic and can("automatic", capabilities)):
+        params["stiffness"] = _number(settings.stiffness)
     if locked and can("locks", capabilities):
         params["locked_bones"] = list(locked)
+    if can("keep", capabilities):
+        params["guard"] = _number(settings.keep_strength) if settings.keep else 0.0
+    if settings.slots == "EVIDENCE" and can("slots.EVIDENCE", capabilities):
+        params["slots"] = "evidence"
+    if settings.smoothing > 0 and can("smoothing", capabilities):
+        params["smooth"] = _number(settings.smoothing)
+    if settings.residual != "REPORT" and can(f"residual.{settings.residual}", capabilities):
+        params["residual"] = settings.residual.lower()
+    return params
+
+
+def usable(settings: Any, capabilities: Collection[str], locked: Sequence[str] = ()) -> dict:
+    """The members of stroke.apply's params that come from the settings."""
+    params = solving(settings, capabilities, locked)
+    if settings.method == "thesis" and can("method.thesis", capabilities):
+        known = ("stiffness", "locked_bones")  # it is asked to do what it did in 2020, alone
+        return {**{name: params[name] for name in known if name in params}, "method": "thesis"}
+    if can("pins", capabilities):
+        params["pin"] = "move"  # what the anchor held back of one stroke is not lost for the next
+    if settings.mix < 1 and can("mix", capabilities):
+        params["mix"] = _number(settings.mix)
     return params

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """One rig session as one tool sees it: strokes out, weights in, and who is ahead of whom.
 
-Two sets of weights are kept. `truth` is the daemon's, as of the last revision heard of. `weights`
-is what the tool shows. They part in two ways, and each has one way back:
+Two states are kept (see state.py). `held` is the daemon's, as of the last revision heard of.
+`shown` is what the tool shows. They part in two ways, and each has one way back:
 
     the daemon is ahead   answers and other tools' changes wait in `arrived` until the tool has
                           time to show them: show() for each, in order
@@ -19,13 +19,15 @@ from __future__ import annotations
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any, Generator
+from typing import Any, Callable, Generator
 
 import numpy as np
 
 from . import skin
 from .channel import Channel
+from .poses import Poses
 from .rig import Rig, Space
+from .state import NONE, Change, State, joined
 from .steps import Step, Steps
 from .wire import Message, SkindError
 
@@ -33,7 +35,7 @@ Talk = Generator[tuple[str, dict], dict, None]  # yields requests, is sent their
 
 GONE = ("lost", "shutting_down")  # errors of a daemon that goes; what was asked is asked again
 SUM_SLACK = 1e-7  # weights.set keeps rows to the bit that sum to one so nearly
-NONE = np.empty(0, np.uint32)  # vertices
+RESHAPING = {"residual.rest", "residual.shape"}  # without these nothing but weights ever changes
 
 
 @dataclass(eq=False)
@@ -54,14 +56,14 @@ class Stroke:
     vertices: np.ndarray
     targets: np.ndarray
     pose: np.ndarray
+    pose_name: str
     options: dict
     host: Any = None
     request: int | None = None  # None: not sent, or its connection was lost
-    chunks: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+    chunks: list[Change] = field(default_factory=list)
     solved: int = 0
     in_doubt: bool = False  # the connection was lost before the answer: it was solved or not
     result: dict | None = None
-    residual: np.ndarray | None = None  # f32 [n], once measured
     error: SkindError | None = None
     dropped: bool = False
     begun: float = field(default_factory=time.monotonic)
@@ -74,14 +76,35 @@ class Stroke:
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """A change that the daemon has made and the tool has not shown: rows f32 [n,N]."""
+    """A change that the daemon has made and the tool has not shown. Its vertices are told whole."""
 
-    cause: str  # "stroke", "undo", "redo", "set", "resync"
+    cause: str  # "stroke", "undo", "redo", "set", "mirror" and other edits, "resync"
     client: str
-    vertices: np.ndarray
-    rows: np.ndarray
+    change: Change
     entry: Entry | None = None
     stroke: Stroke | None = None
+
+    @property
+    def vertices(self) -> np.ndarray:
+        return self.change.vertices
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """All that a session has, as it was fetched; `joints` as the daemon counts bones."""
+
+    revision: int
+    influences: int
+    joints: np.ndarray
+    state: State
+
+
+def changes_to(goal: State, now: State, vertices: np.ndarray | None = None) -> list[Change]:
+    """What makes `now` the goal, where these vertices are concerned: one change for weights, bones
+    and rest positions, and one for each shape."""
+    ahead = goal.differing(now, vertices)
+    found = [goal.of(ahead, now)] if len(ahead) else []
+    return found + [goal.of(those, now, name) for name, those in goal.reshaped(now, vertices)]
 
 
 class Sculpt:
@@ -106,32 +129,53 @@ class Sculpt:
         self.strokes = 0
         self.unreached = 0
         self.last: dict = {}  # the last answer to a stroke, with `seconds`: its whole way
-        self.version = 0  # of weights and residual together
+        self.version = 0  # of what is shown and residual together
         self.pending: list[Stroke] = []
         self.arrived: deque[Arrival] = deque()
-        self.joints = np.empty((0, 4), np.uint16)
-        self.truth = np.empty((0, 4), np.float32)
-        self.start_weights = self.truth
+        self.held = State(np.empty((0, 4), np.uint16), np.empty((0, 4), np.float32),
+                          np.empty((0, 3), np.float32))
+        self.start = self.held  # as it was opened
+        self.steps = Steps(self.held)
         self.residual = np.empty(0, np.float32)  # to the last target, mesh units; NaN: none
-        self.steps = Steps(self.truth)
+        self.poses = Poses()  # that strokes were made in
+        self.pins: list[dict] = []  # as pins.list tells them
+        self.guard: np.ndarray | None = None  # f64 [Q,B,4,4] poses to keep, mesh space
+        self._guard_count = 0
+        self.guarded: list[dict] = []  # which of them the daemon has picked
         self.space = Space(rig)
         self.creation: dict = {}  # how it was made, to make it again
         self.source = ""  # the file it was made from, if it was
         self.is_ours = False
         self.must_tell = False  # the session was made again, and lacks what was answered before
-        self.held_joints = self.joints  # as the daemon counts bones
-        self._asked: set[int] = set()  # requests that change weights and are not answered
+        self.first_joints: np.ndarray | None = None  # of revision 0, as the daemon counts bones
+        self._asked: set = set()  # what changes the session, and is not answered
         self._by_request: dict[int, Stroke] = {}
         self._done: list[Entry] = []  # the daemon's history as far as we saw it grow
         self._undone: list[Entry] = []
         self._hops: list[tuple[str, Step]] = []  # ours that the daemon has not followed
         self._led: list[np.ndarray] = []  # vertices on which the tool may be ahead
-        self._pose_sent = b""
+        self._poses_sent: set[str] = set()
+        self._pins_at = -1  # the revision of `pins`
+
+    @property
+    def shown(self) -> State:
+        """What the tool shows; changed in place."""
+        return self.steps.state
+
+    @property
+    def joints(self) -> np.ndarray:
+        """u16 [V,N], shown: indexes of `bones`."""
+        return self.shown.joints
 
     @property
     def weights(self) -> np.ndarray:
-        """f32 [V,N], what is shown; changed in place."""
-        return self.steps.weights
+        """f32 [V,N], shown."""
+        return self.shown.weights
+
+    @property
+    def rest(self) -> np.ndarray:
+        """f32 [V,3], shown: where vertices are when nothing is sculpted."""
+        return self.shown.rest
 
     @property
     def vertices(self) -> int:
@@ -196,31 +240,41 @@ class Sculpt:
     # ---- strokes ----
 
     def stroke(self, vertices: np.ndarray, targets: np.ndarray, pose: np.ndarray, options: dict,
-               host: Any = None) -> Stroke:
+               host: Any = None, label: str = "pose") -> Stroke:
         """Asks for these vertices to be at their targets in this pose. Its answer is an Arrival.
 
-        While there is no connection the stroke waits; it is sent when the session is resumed.
+        `label` begins the pose's name when it is new. While there is no connection the stroke
+        waits; it is sent when the session is resumed.
         """
-        stroke = Stroke(vertices, targets.astype(np.float32), pose, options, host)
+        named = self.poses.need(pose, self.length, label)
+        stroke = Stroke(vertices, targets.astype(np.float32), named.matrices, named.name, options,
+                        host)
         self.pending.append(stroke)
         if self.phase == "ready":
             self._send(stroke)
         return stroke
 
     def _send(self, stroke: Stroke) -> None:
-        matrices = self.space.pose(stroke.pose)
-        pose = self.client
-        if matrices.tobytes() != self._pose_sent:
-            self._pose_sent = matrices.tobytes()
-            self._request("pose.set", {"pose": pose, "matrices": matrices}, lambda *_: None)
+        self._need_pose(stroke.pose_name)
         stroke.chunks.clear()
         stroke.request = self._change(
             "stroke.apply",
-            {"pose": pose, "vertices": stroke.vertices,
+            {"pose": stroke.pose_name, "vertices": stroke.vertices,
              "positions": self.space.points(stroke.targets), **stroke.options},
             lambda result, error: self._answer(stroke, result, error))
         if stroke.request is not None:
             self._by_request[stroke.request] = stroke
+
+    def _need_pose(self, name: str) -> None:
+        """The daemon must know this pose; one of another tool's it does know."""
+        pose = self.poses.get(name)
+        if pose is not None and name not in self._poses_sent:
+            self._poses_sent.add(name)
+            self._request("pose.set", self.pose_params(name), lambda *_: None)
+
+    def pose_params(self, name: str) -> dict:
+        """As pose.set takes a pose that a stroke was made in."""
+        return {"pose": name, "matrices": self.space.pose(self.poses.get(name).matrices)}
 
     def _answer(self, stroke: Stroke, result: dict | None, error: SkindError | None) -> None:
         self._by_request.pop(stroke.request, None)
@@ -231,6 +285,13 @@ class Sculpt:
                 self._led.append(stroke.vertices)
             return
         stroke.request = None
+        if error is not None and stroke.options.get("residual") == "rest":
+            # It takes a second pose to tell rest and pose apart. The stroke is not lost for that.
+            stroke.options = {name: value for name, value in stroke.options.items()
+                              if name != "residual"}
+            self.problem = str(error)
+            self._send(stroke)
+            return
         stroke.seconds = time.monotonic() - stroke.begun
         stroke.result, stroke.error = result, error
         if result is None:
@@ -238,15 +299,14 @@ class Sculpt:
                 self._led.append(stroke.vertices)
             return
         self.revision = result["revision"]
-        vertices = np.concatenate([chunk[0] for chunk in stroke.chunks] or [stroke.vertices[:0]])
-        rows = np.concatenate([chunk[1] for chunk in stroke.chunks] or [self.truth[:0]])
+        change = joined(stroke.chunks, self.influences)
         stroke.chunks.clear()
-        self.truth[vertices] = rows
+        self.held.put(change)
         entry = self._remember(Entry(dropped=stroke.dropped))
         if stroke.dropped:
-            self._led.append(vertices)
+            self._led.append(change.vertices)
         else:
-            self.arrived.append(Arrival("stroke", self.client, vertices, rows, entry, stroke))
+            self._arrive("stroke", self.client, change, entry, stroke)
 
     def drop(self, stroke: Stroke) -> None:
         """The stroke was undone before it was shown."""
@@ -263,7 +323,69 @@ class Sculpt:
             self._led.append(arrival.vertices)
         self._settle()
 
+    # ---- edits, pins and guards ----
+
+    def edit(self, method: str, params: dict,
+             on_done: Callable[[dict], None] = lambda result: None) -> None:
+        """Asks for a step that is no stroke: weights.mirror, weights.prune, weights.reduce,
+        pins.weigh, pins.clear, pins.solve. It arrives; on_done hears of the answer."""
+        if "pose" in params:
+            self._need_pose(params["pose"])
+        if method == "pins.solve":
+            params = {**params, "stream": False}  # then it is told as edits are
+
+        def done(result: dict | None, error: SkindError | None) -> None:
+            if result is None:
+                self.problem = str(error)
+                return
+            if result["revision"] > self.revision:  # of pins alone, which nobody tells who asked
+                self.revision = result["revision"]
+                nothing = Change(NONE, np.empty((0, self.influences), np.float32))
+                self._arrive("pins", self.client, nothing, self._remember(Entry()))
+            on_done(result)
+
+        self._change(method, params, done)
+
+    def ask_pins(self) -> None:
+        """Has `pins` told anew if something was done since."""
+        if (self._pins_at == self.revision or self.phase != "ready" or not self.is_settled
+                or "pins" not in self.channel.capabilities):
+            return
+        self._pins_at = self.revision
+
+        def done(result: dict | None, error: SkindError | None) -> None:
+            if result is not None:
+                self.pins = result["pins"]
+
+        self._request("pins.list", {}, done)
+
+    def keep(self, poses: np.ndarray | None, count: int,
+             on_done: Callable[[], None] = lambda: None) -> None:
+        """Poses f64 [Q,B,4,4] that should stay as they are; the daemon picks `count` of them that
+        are far from each other. None: no poses."""
+        self.guard, self._guard_count = poses, count
+
+        def done(result: dict | None, error: SkindError | None) -> None:
+            if result is not None:
+                self.guarded = result["poses"]
+            elif error.name not in GONE:  # else it is told again when resumed
+                self.guard, self.guarded, self.problem = None, [], str(error)
+            on_done()
+
+        self._request("guard.set", self.guard_params(), done)
+
+    def guard_params(self) -> dict:
+        if self.guard is None:
+            return {}
+        matrices = np.concatenate([self.space.pose(pose) for pose in self.guard])
+        return {"matrices": matrices, "count": self._guard_count}
+
     # ---- what the daemon did ----
+
+    def _arrive(self, cause: str, client: str, change: Change, entry: Entry | None = None,
+                stroke: Stroke | None = None) -> None:
+        """A change that is in `held` already waits to be shown."""
+        self.arrived.append(Arrival(cause, client, self.held.whole(change), entry, stroke))
 
     def _remember(self, entry: Entry) -> Entry:
         self._done.append(entry)
@@ -287,7 +409,7 @@ class Sculpt:
     def _notice_chunk(self, params: dict) -> None:
         stroke = self._by_request.get(params["request"])
         if stroke is not None:
-            stroke.chunks.append((params["vertices"], params["weights"]))
+            stroke.chunks.append(self.space.change(params))
             stroke.solved = params["first"] + params["count"]
 
     def _notice_update(self, params: dict) -> None:
@@ -298,40 +420,79 @@ class Sculpt:
             self._forget_history()
             self._resync()
             return
-        vertices, rows = params["vertices"], params["weights"]
-        self.truth[vertices] = rows
-        if params["client"] == self.client:
-            self._led.append(vertices)  # ours; _settle() looks whether it did what it should
-            return
+        change = self.space.change(params)
+        self.held.put(change)
         cause = params["cause"]
+        if params["client"] == self.client and cause in ("undo", "redo"):
+            self._led.append(change.vertices)  # ours; _settle() looks whether it did what it should
+            return
         entry = None
-        if cause in ("stroke", "set"):
-            entry = self._remember(Entry())
-        elif cause == "undo":  # of a step from before we listened, too
+        if cause == "undo":  # of a step from before we listened, too
             self._undone.append(self._done.pop() if self._done else Entry())
         elif cause == "redo":
             self._done.append(self._undone.pop() if self._undone else Entry())
-        self.arrived.append(Arrival(cause, params["client"], vertices, rows, entry))
+        else:
+            entry = self._remember(Entry())
+        self._arrive(cause, params["client"], change, entry)
+
+    def fetch(self) -> Generator[tuple[str, dict], dict, Held]:
+        """All that the session has. Takes several requests: what others change meanwhile is seen
+        by the revision, and then it is asked again."""
+        everything = np.arange(len(self.rig.positions), dtype=np.uint32)
+        while True:
+            listed: dict = {"shapes": [], "rest_moved": 0}
+            if RESHAPING & self.channel.capabilities:
+                listed = yield "shapes.list", {}
+            rest = self.rig.positions.copy()
+            if listed["rest_moved"]:
+                mesh = yield "mesh.get", {}
+                rest = self.space.rest(everything, mesh["rest"]).copy()
+            shapes: dict[str, np.ndarray] = {}
+            for name in {each["pose"]: None for each in listed["shapes"]}:
+                told = yield "shapes.get", {"pose": name}
+                shapes[name] = np.zeros_like(rest)
+                shapes[name][told["vertices"]] = self.space.offsets(told["offsets"])
+            held = yield "weights.get", {}
+            if held["revision"] == listed.get("revision", held["revision"]):
+                joints = held["joints"].copy()
+                return Held(held["revision"], held["influences"], joints, State(
+                    self.space.joints(joints).copy(), held["weights"].copy(), rest, shapes))
 
     def _resync(self, scaled: np.ndarray = NONE) -> None:
-        def done(result: dict | None, error: SkindError | None) -> None:
-            if result is not None:
-                self.catch_up(result, scaled)
-        self._change("weights.get", {}, done)
+        mark = object()
+        self._asked.add(mark)
 
-    def catch_up(self, held: dict, scaled: np.ndarray = NONE) -> None:
-        """All of the daemon's weights were fetched: what is new in them arrives, `scaled` anyway.
+        def talk() -> Talk:
+            try:
+                held = yield from self.fetch()
+            finally:
+                self._asked.discard(mark)
+            self.catch_up(held, scaled)
+            self._settle()
+
+        self.follow(talk())
+
+    def catch_up(self, held: Held, scaled: np.ndarray = NONE) -> None:
+        """All that the daemon has was fetched: what is new in it arrives, `scaled` anyway.
 
         But not where the tool is ahead, nor what may be from a stroke that is asked for again.
         """
-        self.revision = held["revision"]
-        new = skin.differing(held["weights"], self.truth)
-        for known in self._led + [each.vertices for each in self.pending if each.in_doubt]:
-            new = np.setdiff1d(new, known)
-        new = np.union1d(new, scaled)
-        self.truth[:] = held["weights"]
+        before, self.held, self.revision = self.held, held.state, held.revision
+        doubted = [each for each in self.pending if each.in_doubt]
+
+        def unknown(vertices: np.ndarray, strokes: list[Stroke]) -> np.ndarray:
+            for those in self._led + [stroke.vertices for stroke in strokes]:
+                vertices = np.setdiff1d(vertices, those)
+            return vertices
+
+        new = np.union1d(unknown(self.held.differing(before), doubted), scaled).astype(np.uint32)
         if len(new):
-            self.arrived.append(Arrival("resync", "", new, self.truth[new]))
+            self._arrive("resync", "", self.held.of(new))
+        for name, reshaped in self.held.reshaped(before):
+            new = unknown(reshaped, [stroke for stroke in doubted if stroke.pose_name == name
+                                     and stroke.options.get("residual") == "shape"])
+            if len(new):
+                self._arrive("resync", "", self.held.of(new, shape=name))
 
     def _forget_history(self) -> None:
         self._done.clear()
@@ -339,9 +500,12 @@ class Sculpt:
 
     # ---- what the tool did ----
 
-    def show(self, arrival: Arrival) -> Step:
-        """The tool is about to show this change: takes it into `weights`, as a new state."""
-        step = self.steps.add(arrival.vertices, arrival.rows)
+    def show(self, arrival: Arrival, news: Change | None = None) -> Step:
+        """The tool is about to show this change: takes it into `shown`, as a new state.
+
+        `news`: what shown.trimmed() made of the change, if that was done before.
+        """
+        step = self.steps.add(self.shown.trimmed(arrival.change) if news is None else news)
         self.version += 1
         if arrival.entry is not None:
             arrival.entry.step = step
@@ -357,29 +521,25 @@ class Sculpt:
         self.strokes += 1
         self.unreached = stroke.result["unreached"]
         self.last = {**stroke.result, "seconds": stroke.seconds}
-        self.measure(arrival)
-        self.residual[stroke.vertices] = stroke.residual
+        self.residual[stroke.vertices] = stroke.result["residuals"]
 
-    def measure(self, arrival: Arrival) -> None:
-        """How far its stroke's vertices end from their targets; may be done before show()."""
-        stroke = arrival.stroke
-        if stroke is not None and stroke.residual is None:
-            order = np.argsort(arrival.vertices)
-            rows = arrival.rows[order[np.searchsorted(arrival.vertices, stroke.vertices,
-                                                      sorter=order)]]
-            posed = self.posed(stroke.vertices, stroke.pose, rows)
-            stroke.residual = skin.distances(posed, stroke.targets)
+    def shape_in(self, pose: np.ndarray) -> str:
+        """The corrective shape that is seen in this pose, by its name, or ""."""
+        known = self.poses.find(pose, self.length) if self.shown.shapes else None
+        return known.name if known is not None and known.name in self.shown.shapes else ""
 
     def posed(self, vertices: np.ndarray | slice, pose: np.ndarray,
-              rows: np.ndarray | None = None, positions: np.ndarray | None = None) -> np.ndarray:
-        """f64 [n,3], mesh space: where a pose takes vertices.
+              positions: np.ndarray | None = None) -> np.ndarray:
+        """f64 [n,3], mesh space: where a pose takes vertices as they are shown.
 
-        By the weights shown, or by `rows` f32 [n,N]; from rest, or from `positions` f32 [V,3].
+        From rest, or from `positions` f32 [V,3]; with the pose's corrective shape on top.
         """
-        rows = self.weights[vertices] if rows is None else rows
         still = self.rig.unweighted[vertices]
-        rest = (self.rig.positions if positions is None else positions)[vertices]
-        posed = skin.blend(rest, self.joints[vertices], rows,
+        rest = (self.rest if positions is None else positions)[vertices]
+        shape = self.shape_in(pose)
+        if shape:
+            rest = rest + self.shown.shapes[shape][vertices]
+        posed = skin.blend(rest, self.joints[vertices], self.weights[vertices],
                            skin.deformations(pose, self.rig.binds))
         posed[still] = rest[still]
         return posed
@@ -409,7 +569,7 @@ class Sculpt:
 
     def painted(self, vertices: np.ndarray, rows: np.ndarray) -> Step:
         """The tool changed weights by itself: a new state, which the daemon is told."""
-        step = self.steps.add(vertices, rows)
+        step = self.steps.add(Change(vertices, rows))
         self._hops.clear()
         self._led.append(vertices)
         self.version += 1
@@ -438,9 +598,10 @@ class Sculpt:
             entry.dropped = False  # whatever was left of them is put right below
         led = np.unique(np.concatenate(self._led))
         self._led.clear()
-        ahead = led[skin.differing(self.truth[led], self.weights[led])]
-        if len(ahead):
-            self._set(ahead, self.weights[ahead])
+        ahead = changes_to(self.shown, self.held, led)
+        if ahead:
+            self._set(ahead[0])
+            self._led += [change.vertices for change in ahead[1:]]
 
     def _go(self, method: str, origin: list[Entry], goal: list[Entry]) -> None:
         def done(result: dict | None, error: SkindError | None) -> None:
@@ -451,13 +612,15 @@ class Sculpt:
                 self._forget_history()  # the daemon's is shorter: set the rows instead
         self._change(method, {}, done)
 
-    def _set(self, vertices: np.ndarray, rows: np.ndarray) -> None:
+    def _set(self, change: Change) -> None:
+        vertices = change.vertices
+
         def done(result: dict | None, error: SkindError | None) -> None:
             if result is not None:
                 self.revision = max(self.revision, result["revision"])
-                self.truth[vertices] = rows
+                self.held.put(change)
                 self._remember(Entry())
-                sums = rows.sum(axis=1, dtype=np.float64)
+                sums = change.weights.sum(axis=1, dtype=np.float64)
                 if result["vertices"] != len(vertices) or (abs(sums - 1) > SUM_SLACK).any():
                     self._resync(vertices)  # twins went with them, or rows were scaled
                 else:
@@ -466,8 +629,11 @@ class Sculpt:
                 self._led.append(vertices)
             else:
                 self.problem = str(error)
-                self.arrived.append(Arrival("resync", "", vertices, self.truth[vertices]))
-        self._change("weights.set", {"vertices": vertices, "weights": rows}, done)
+                self._arrive("resync", "", self.held.of(vertices, shape=change.shape))
+
+        if change.shape:
+            self._need_pose(change.shape)
+        self._change("weights.set", self.space.params(change), done)
 
     # ---- the connection ----
 
@@ -481,20 +647,20 @@ class Sculpt:
         self.phase = "lost"
         self._asked.clear()
         self._by_request.clear()
-        self._pose_sent = b""
+        self._poses_sent.clear()
+        self._pins_at = -1
         for stroke in self.pending:
             stroke.request = None
 
-    def adopt(self, held: dict) -> None:
-        """A session was opened: takes its slots and weights as the start, and is ready."""
+    def adopt(self, held: Held) -> None:
+        """A session was opened: takes what it has as the start, and is ready."""
         assert self.phase in ("creating", "joining")
-        self.revision, self.influences = held["revision"], held["influences"]
-        self.held_joints = held["joints"].copy()
-        self.joints = self.space.joints(self.held_joints)
-        self.truth = held["weights"].copy()
-        self.start_weights = self.truth.copy()
-        self.steps = Steps(self.truth.copy())
-        self.residual = np.full(len(self.truth), np.nan, np.float32)
+        self.revision, self.influences = held.revision, held.influences
+        self.first_joints = held.joints if held.revision == 0 else None
+        self.held = held.state
+        self.start = self.held.copy()
+        self.steps = Steps(self.held.copy())
+        self.residual = np.full(len(self.joints), np.nan, np.float32)
         self.version += 1
         self.phase = "ready"
 

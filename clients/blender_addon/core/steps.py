@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The weights that a tool shows, and the states that its own undo can take it back to.
+"""What a tool shows of a session, and the states that its own undo can take it back to.
 
 A modelling program restores its data by itself when the user presses Ctrl+Z, and tells only which
 state it is in now. So states form a tree with a number each; going from one to another is a walk
-over the tree that patches the weights on its way, and gives the vertices that changed.
+over the tree that patches the whole state on its way, to the bit: bones, weights, rest positions
+and shapes, as far as a step changed them.
 """
 
 from __future__ import annotations
@@ -12,43 +13,48 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .state import Change, State
+
 LOG_BYTES_MAX = 512 << 20  # then the oldest states are forgotten
 
 
 @dataclass(frozen=True)
 class Step:
-    """From state `parent` to state `id`: rows f32 [n,N] of `vertices` u32 [n], before and after."""
+    """From state `parent` to state `id`: the same vertices and kinds of rows, before and after."""
 
     id: int
     parent: int
-    vertices: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
+    before: Change
+    after: Change
+
+    @property
+    def vertices(self) -> np.ndarray:
+        return self.after.vertices
 
     @property
     def bytes(self) -> int:
-        return self.vertices.nbytes + self.before.nbytes + self.after.nbytes
+        return self.before.bytes + self.after.bytes
 
 
 class Steps:
-    """`weights` f32 [V,N] is what is shown in the state `live`; changed in place."""
+    """`state` is what is shown in the state numbered `live`; changed in place."""
 
-    def __init__(self, weights: np.ndarray) -> None:
-        self.weights = weights
+    def __init__(self, state: State) -> None:
+        self.state = state
         self.live = 0
         self._next = 1
         self._steps: dict[int, Step] = {}
         self._bytes = 0
 
-    def add(self, vertices: np.ndarray, rows: np.ndarray) -> Step:
-        """Shows new rows: a new state below the live one."""
-        step = Step(self._next, self.live, vertices, self.weights[vertices], rows)
+    def add(self, change: Change) -> Step:
+        """Shows a change: a new state below the live one."""
+        step = Step(self._next, self.live, self.state.take(change), change)
         self._next += 1
         self._steps[step.id] = step
         self._bytes += step.bytes
         while self._bytes > LOG_BYTES_MAX and len(self._steps) > 1:
             self._bytes -= self._steps.pop(min(self._steps)).bytes
-        self.weights[vertices] = rows
+        self.state.put(change)
         self.live = step.id
         return step
 
@@ -76,8 +82,8 @@ class Steps:
             return None
         undo, redo = path
         for step in undo:
-            self.weights[step.vertices] = step.before
+            self.state.put(step.before)
         for step in redo:
-            self.weights[step.vertices] = step.after
+            self.state.put(step.after)
         self.live = to
         return path

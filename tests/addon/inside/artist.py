@@ -64,6 +64,11 @@ def settings():
     return bpy.context.scene.skind
 
 
+def stiffen(stiffness: float) -> None:
+    """Sets the stiffness by hand."""
+    settings().automatic, settings().stiffness = False, stiffness
+
+
 def is_settled() -> bool:
     """Nothing is under way, and what came is shown."""
     session, _ = modules()
@@ -157,7 +162,7 @@ def _shifted(shares: np.ndarray) -> np.ndarray:
     taken = np.where(sculpt.joints[every, second] == skin.NO_BONE, 0, shares * rows[every, first])
     rows[every, first] -= taken
     rows[every, second] += taken
-    return skin.blend(sculpt.rig.positions, sculpt.joints, rows,
+    return skin.blend(sculpt.rest, sculpt.joints, rows,
                       skin.deformations(live.pose(), sculpt.rig.binds))
 
 
@@ -203,6 +208,15 @@ def call(method: str, params: dict) -> dict:
     return result
 
 
+def edit(method: str, params: dict) -> dict:
+    """A step that is no stroke, shown; its answer."""
+    answers: list[dict] = []
+    modules()[0].current().edit(method, params, answers.append)
+    until(is_settled)
+    assert answers, modules()[0].told()
+    return answers[0]
+
+
 def daemon_weights() -> np.ndarray:
     """What the daemon holds: f32 [V,N]."""
     return call("weights.get", {"session": modules()[0].current().sculpt.name})["weights"]
@@ -221,8 +235,9 @@ def equal() -> bool:
     sculpt = modules()[0].current().sculpt
     mesh, held = mesh_weights(), daemon_weights()
     moved = ~sculpt.rig.unweighted
-    return (mesh[moved].tobytes() == held[moved].tobytes()
-            == sculpt.weights[moved].tobytes() == sculpt.truth[moved].tobytes())
+    alike = len(sculpt.shown.differing(sculpt.held)) == 0 and not sculpt.shown.reshaped(sculpt.held)
+    return alike and (mesh[moved].tobytes() == held[moved].tobytes()
+            == sculpt.weights[moved].tobytes() == sculpt.held.weights[moved].tobytes())
 
 
 def signal_outside(flag: str, name: str) -> None:

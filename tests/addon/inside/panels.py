@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Iterator
 
 import bpy
 
 from inside import artist, rigs
 from inside.windows import Steps, Window
+from skind.blender import panel
 
 
 def _open(panel: type) -> None:
@@ -17,12 +20,27 @@ def _open(panel: type) -> None:
     bpy.utils.register_class(panel)
 
 
+@contextmanager
+def opened(closed: type) -> Iterator[None]:
+    """A box that begins closed, unfolded: in its place one that is open from the beginning."""
+    unfolded = type(f"{closed.__name__}_open", (panel.Panel, bpy.types.Panel),
+                    {"bl_label": closed.bl_label, "bl_parent_id": closed.bl_parent_id,
+                     **{name: vars(closed)[name] for name in vars(closed)
+                        if name == "draw" or name.startswith("_") and callable(
+                            getattr(closed, name)) and not name.startswith("__")}})
+    bpy.utils.unregister_class(closed)
+    bpy.utils.register_class(unfolded)
+    yield
+    bpy.utils.unregister_class(unfolded)
+    bpy.utils.register_class(closed)
+
+
 def states(window: Window, folder: str) -> Steps:
-    """Idle, refused, connected, and sculpting after a stroke, with the options open.
+    """Idle, refused, connected, sculpting after a stroke with the options open; then the poses.
 
     A picture of each; returns what was refused, and the last answer.
     """
-    from skind.blender import operators, panel, session
+    from skind.blender import operators, panel_options, session
 
     def picture(name: str) -> Steps:
         panel.tag_redraw()
@@ -33,7 +51,7 @@ def states(window: Window, folder: str) -> Steps:
     rigs.pose(armature, {"bone.2": (40, 0, 0)})
     rigs.activate(mesh)
     yield from window.look(mesh)
-    _open(panel.SKIND_PT_options)
+    _open(panel_options.SKIND_PT_options)
     _open(panel.SKIND_PT_notes)
     yield from window.last_tab()
     yield from picture("idle")
@@ -64,7 +82,19 @@ def states(window: Window, folder: str) -> Steps:
     yield from window.wait_until(artist.is_settled)
     yield from picture("sculpting")
     live = session.current()
+    bpy.utils.unregister_class(panel_options.SKIND_PT_options)  # room for the other box
+    settings = bpy.context.scene.skind
+    settings.keep, settings.keep_from = True, 'HAND'
+    with window.context():
+        bpy.ops.skind.keep_pose()
+    yield from window.wait_until(lambda: live.sculpt.guarded and live.sculpt.pins)
+    yield from window.wait_until(artist.is_settled)
+    with opened(panel_options.SKIND_PT_poses):
+        yield from picture("poses")
+    pins, kept = len(live.sculpt.pins), len(live.sculpt.guarded)
+    bpy.utils.register_class(panel_options.SKIND_PT_options)
     live.cancel()
     yield from window.wait_until(lambda: session.current() is None)
     return {"reported": reported, "shown": shown, "forgotten": forgotten,
-            "last": dict(live.sculpt.last), "notes": [note["name"] for note in live.sculpt.notes]}
+            "pins": pins, "kept": kept, "last": dict(live.sculpt.last),
+            "notes": [note["name"] for note in live.sculpt.notes]}

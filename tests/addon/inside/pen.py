@@ -59,7 +59,7 @@ def state() -> dict:
     session, _ = artist.modules()
     live = session.current()
     return {"co": rigs.co(live.object()), "mesh": artist.mesh_weights(),
-            "mirror": live.sculpt.weights.copy(), "truth": live.sculpt.truth.copy(),
+            "mirror": live.sculpt.weights.copy(), "truth": live.sculpt.held.weights.copy(),
             "state": live.sculpt.steps.live}
 
 
@@ -269,7 +269,8 @@ def odd(window: Window) -> Steps:
     yield from window.release()
     yield from window.move((x + 20, y))
     yield from settled(window)
-    result["escaped"] = (live.is_stroking, live.sculpt.strokes, (rigs.co(live.object()) == rest).all())
+    result["escaped"] = (live.is_stroking, live.sculpt.strokes,
+                         (rigs.co(live.object()) == rest).all())
 
     yield from window.stroke([(window.region.x + 70, window.region.y + 70)] * 3)
     yield from settled(window)

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Quaternion, Vector
 
-from inside import artist, rigs
+from inside import artist, panels, rigs
 from inside.windows import Pixel, Steps, Window
 
 STOUTNESS = 1.5  # of the limbs, against rigs.BODY_RADII
@@ -193,7 +193,8 @@ def _beginning(window: Window, album: Album, body: bpy.types.Object) -> Steps:
     session.connect()
     yield from window.wait_until(lambda: session.channel().state == "ready", SECONDS)
     yield from album.panel("panel-ready")
-    with _options_open():
+    from skind.blender import panel_options
+    with panels.opened(panel_options.SKIND_PT_options):
         yield from window.drawn()
         yield from album.panel("panel-options")
     modifier = body.modifiers["Armature"]
@@ -205,25 +206,10 @@ def _beginning(window: Window, album: Album, body: bpy.types.Object) -> Steps:
             pass  # what a refusal is to a script; the panel shows the sentence
     yield from album.panel("panel-refused")
     modifier.use_deform_preserve_volume = False
-    bpy.context.scene.skind.stiffness = STIFFNESS
+    artist.stiffen(STIFFNESS)
     with window.context():
         bpy.ops.skind.start()
     yield from _begun(window)
-
-
-@contextmanager
-def _options_open() -> Iterator[None]:
-    """The box Options, unfolded: in its place one that is open from the beginning."""
-    from skind.blender import panel
-    closed = panel.SKIND_PT_options
-    opened = type("SKIND_PT_options_open", (panel._Panel, bpy.types.Panel),
-                  {"bl_label": closed.bl_label, "bl_parent_id": closed.bl_parent_id,
-                   "draw": closed.draw})
-    bpy.utils.unregister_class(closed)
-    bpy.utils.register_class(opened)
-    yield
-    bpy.utils.unregister_class(opened)
-    bpy.utils.register_class(closed)
 
 
 def _begun(window: Window) -> Steps:
@@ -273,6 +259,24 @@ def _sculpting(window: Window, album: Album, rig: bpy.types.Object) -> Steps:
     yield from album.close("elbow-after")
     yield from album.panel("panel-sculpting")
     yield from album.view("overview")
+    yield from _poses(window, album, live)
+
+
+def _poses(window: Window, album: Album, live: object) -> Steps:
+    """The box Poses, with a pose kept by hand; and without it again."""
+    from skind.blender import panel_options
+    settings = bpy.context.scene.skind
+    settings.keep_from, settings.keep = 'HAND', True
+    with window.context():
+        bpy.ops.skind.keep_pose()
+    yield from window.wait_until(lambda: live.sculpt.guarded and live.sculpt.pins, SECONDS)
+    with panels.opened(panel_options.SKIND_PT_poses):
+        yield from window.drawn()
+        yield from album.panel("panel-poses")
+    settings.keep = False
+    yield from window.wait_until(lambda: live.sculpt.guard is None, SECONDS)
+    yield from _settled(window)
+    live.kept.clear()
 
 
 def _edge(body: bpy.types.Object, spot: np.ndarray, out: np.ndarray) -> np.ndarray:

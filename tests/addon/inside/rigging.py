@@ -12,6 +12,7 @@ import numpy as np
 
 from inside import rigs
 from skind.blender import checks, rig, weights
+from skind.blender.snapshot import Snapshot
 from skind.core import skin
 
 SETTINGS = SimpleNamespace(influences="4", reduce=False)
@@ -184,8 +185,8 @@ def round_trip(kind: str, meddle: str = "") -> dict[str, Any]:
     mesh.vertex_groups.active_index = 2
     before, shown = state(mesh), rigs.posed(mesh)
     read = run(rig.read(mesh.name))
-    snapshot = run(weights.Snapshot.take(mesh.name))
-    snapshot = weights.Snapshot.from_bytes(snapshot.to_bytes())
+    snapshot = run(Snapshot.take(mesh.name))
+    snapshot = Snapshot.from_bytes(snapshot.to_bytes())
     joints = _filled(read)
     layout = run(weights.make_slots(mesh.name, read.names, joints, read.unweighted))
     mesh.data.update()
@@ -212,7 +213,7 @@ def round_trip(kind: str, meddle: str = "") -> dict[str, Any]:
     rigs_co = rigs.co(mesh) + np.float32(0.01)
     mesh.data.vertices.foreach_set("co", rigs_co.ravel())
     MEDDLING[meddle](mesh)
-    run(weights.Snapshot.restore(mesh.name, snapshot))
+    run(Snapshot.restore(mesh.name, snapshot))
     found["restored"] = state(mesh) == before
     found["shape restored"] = bool((rigs.posed(mesh) == shown).all())
 
@@ -253,7 +254,7 @@ def bare() -> dict[str, Any]:
     names = [group.name for group in mesh.vertex_groups]
     mesh.vertex_groups.clear()
     before = state(mesh)
-    snapshot = run(weights.Snapshot.take(mesh.name))
+    snapshot = run(Snapshot.take(mesh.name))
     count = len(mesh.data.vertices)
     joints = np.tile(np.array([2, 0, 1, skin.NO_BONE], np.uint16), (count, 1))
     skip = np.arange(count) < 10
@@ -261,7 +262,7 @@ def bare() -> dict[str, Any]:
     run(weights.write_rows(mesh.name, layout, np.arange(count, dtype=np.uint32), _rows(joints)))
     values = rigs.weights(mesh)
     made = [group.name for group in mesh.vertex_groups]
-    run(weights.Snapshot.restore(mesh.name, snapshot))
+    run(Snapshot.restore(mesh.name, snapshot))
     return {"made": made, "skipped": float(abs(values[:10]).max()),
             "least": float(values[10:].min()), "restored": state(mesh) == before}
 
@@ -292,16 +293,16 @@ def exact_bits() -> bool:
     odd = np.array([1.5, -0.25, 1e-40, 1.0000001], np.float32)
     mesh.data.vertices[0].groups.foreach_set("weight", odd)
     before = state(mesh)
-    snapshot = weights.Snapshot.from_bytes(run(weights.Snapshot.take(mesh.name)).to_bytes())
+    snapshot = Snapshot.from_bytes(run(Snapshot.take(mesh.name)).to_bytes())
     mesh.data.vertices[0].groups.foreach_set("weight", np.zeros(4, np.float32))
-    run(weights.Snapshot.restore(mesh.name, snapshot))
+    run(Snapshot.restore(mesh.name, snapshot))
     return state(mesh) == before
 
 
 def broken_snapshots() -> dict[str, Any]:
     """Which damaged snapshots were taken for good ones of something else."""
     (mesh,), _ = characters("tube")
-    good = run(weights.Snapshot.take(mesh.name)).to_bytes()
+    good = run(Snapshot.take(mesh.name)).to_bytes()
     head = 8 + int.from_bytes(good[4:8], "little")
     bad = {"empty": b"", "magic": b"XXXX" + good[4:], "longer": good + b"x"}
     bad |= {f"cut {at}": good[:at] for at in [*range(0, head, 3), head, head + 9, len(good) - 1]}
@@ -316,7 +317,7 @@ def broken_snapshots() -> dict[str, Any]:
     for name, data in bad.items():
         try:
             # A few bits of a packed stream mean nothing: then it is the same snapshot.
-            if weights.Snapshot.from_bytes(data).to_bytes() != good:
+            if Snapshot.from_bytes(data).to_bytes() != good:
                 accepted.append(name)
         except ValueError:
             pass
@@ -339,12 +340,12 @@ def pieces(vertices: int) -> dict[str, int]:
             found[name] += 1
 
     read = counted("read", rig.read(mesh.name))
-    snapshot = counted("take", weights.Snapshot.take(mesh.name))
+    snapshot = counted("take", Snapshot.take(mesh.name))
     joints = _filled(read)
     layout = counted("slots", weights.make_slots(mesh.name, read.names, joints, read.unweighted))
     rows = _rows(joints)
     counted("write", weights.write_rows(mesh.name, layout, np.arange(vertices), rows))
-    counted("restore", weights.Snapshot.restore(mesh.name, snapshot))
+    counted("restore", Snapshot.restore(mesh.name, snapshot))
     return found
 
 

@@ -111,7 +111,7 @@ def compare(window: Window, folder: str) -> Steps:
     yield from note("switched")
     switch()
     yield from note("switched back")
-    return {"start": live.sculpt.start_weights.copy(), "now": live.sculpt.truth.copy(),
+    return {"start": live.sculpt.start.weights.copy(), "now": live.sculpt.held.weights.copy(),
             "seen": seen}
 
 

@@ -25,13 +25,13 @@ def figures(kind: str, mesh_name: str, poses: list[float], stiffnesses: list[flo
     rigs.rest(rig)
     artist.settings().reduce = True
     live = artist.start(mesh)
-    length, rest, start = live.sculpt.length, rigs.co(mesh), live.sculpt.start_weights
+    length, rest, start = live.sculpt.length, rigs.co(mesh), live.sculpt.start.weights
     random = np.random.default_rng(7)
     found = []
     for degrees in poses:
         rigs.bend(rig, degrees)
         for stiffness in stiffnesses:
-            artist.settings().stiffness = stiffness
+            artist.stiffen(stiffness)
             for sculpt, size in ((artist.shift, 0.3), (artist.bump, 0.04 * length)):
                 without = rigs.posed(mesh)
                 held = artist.mesh_weights()
@@ -54,6 +54,7 @@ def figures(kind: str, mesh_name: str, poses: list[float], stiffnesses: list[flo
                     "farther": -nearer[fresh].min() / length, "fresh": int(fresh.sum()),
                     "energy": -gain.min() / length ** 2,
                     "rest": bool((rigs.co(mesh) == rest).all()), "equal": artist.equal()})
+                artist.edit("pins.clear", {})  # the next stroke is alone, as in the formula
     artist.stop("finish")
     return found
 
@@ -86,11 +87,12 @@ class Tape:
         self.at = len(self.states) - 1
 
     def go(self, to: int) -> None:
-        from skind.blender import history, mesh
+        from skind.blender import history, mesh, weights
         live = artist.modules()[0].current()
         self.at = to
         rows, positions, mark = self.states[to]
-        live.write(np.arange(len(rows), dtype=np.uint32), rows)
+        for _ in weights.write_rows(live.object_name, live.layout, np.arange(len(rows)), rows):
+            pass
         artist.put(live.object(), positions)
         live.object().data[mesh.STATE] = mark
         history.follow(live)
@@ -101,7 +103,7 @@ def sequences(seed: int, length: int) -> list[dict]:
     mesh, rig = artist.rigged("tube")
     rigs.bend(rig, 25)
     live = artist.start(mesh)
-    artist.settings().stiffness = 1e-4
+    artist.stiffen(1e-4)
     random = np.random.default_rng(seed)
     tape, seen = Tape(), []
     for _ in range(length):
@@ -222,7 +224,7 @@ def finished() -> dict:
     kept = all((table[:, bone] == (shown[:, group] if group >= 0 else 0)).all()
                for bone, group in enumerate(order))
     return {"strokes": sculpt.strokes, "kept": bool(kept),
-            "changed": table.tobytes() != sculpt.start_weights.tobytes(),
+            "changed": table.tobytes() != sculpt.start.weights.tobytes(),
             "zeros": artist.added_zeros(before, mesh), "padded": padded,
             "entries": sum(len(vertex.groups) for vertex in mesh.data.vertices),
             "different": [name for name in before if before[name] != after[name]
@@ -402,7 +404,7 @@ def of_a_file(path: str, name: str, export: str) -> dict:
         assert live is not None, session.told()
         shown = rigs.posed(mesh)
         length = live.sculpt.length
-        artist.settings().stiffness = 1e-5
+        artist.stiffen(1e-5)
         vertex = artist.bendable(np.random.default_rng(1))
         artist.shift(mesh, vertex, 0.15 * length, 0.3)
         sculpted = rigs.posed(mesh)
@@ -462,7 +464,8 @@ def odd() -> dict:
     rigs.activate(mesh)
     refused = session.start(bpy.context), artist.different(before, artist.facts(mesh))
 
-    artist.settings().reduce, artist.settings().stiffness = True, 1e-4
+    artist.settings().reduce = True
+    artist.stiffen(1e-4)
     live = artist.start(mesh)
     moved = artist.apart(rigs.posed(mesh), shown)
     kept_groups = [group.index for group in (cloth, still)]

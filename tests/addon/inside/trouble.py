@@ -20,7 +20,7 @@ def killed(times: int) -> list[dict]:
     rigs.bend(rig, 25)
     session, pump = artist.modules()
     live = artist.start(mesh)
-    artist.settings().stiffness = 1e-4
+    artist.stiffen(1e-4)
     random, rest, seen, strokes = np.random.default_rng(3), rigs.co(mesh), [], 0
     for turn in range(times):
         when = ("between", "mid-stroke", "mid-answer")[turn % 3]
