@@ -101,6 +101,8 @@ static int print_number(char out[NUMBER_TEXT_BYTES], enum skd_dtype dtype, const
     }
     if (!isfinite(value))
         return snprintf(out, NUMBER_TEXT_BYTES, "null");
+    if (fpclassify(value) == FP_ZERO && signbit(value)) /* readers take "-0" for a whole number */
+        return snprintf(out, NUMBER_TEXT_BYTES, "-0.0");
     return snprintf(out, NUMBER_TEXT_BYTES, "%.*g", digits, value);
 }
 

@@ -96,8 +96,10 @@ static void dismiss(struct skd_call *call)
 static void begin(struct skd_call *call)
 {
     struct skd_edit *edit = call->state;
+    struct skd_session *session = call->live->session;
     struct skd_error error;
-    if (skd_history_reserve(&call->live->session->history, &error) != SKD_OK) {
+    if (skd_history_reserve(&session->history, &error) != SKD_OK ||
+        (edit->kind->claim != NULL && edit->kind->claim(session, edit, &error) != SKD_OK)) {
         skd_call_fail(call, &error);
         return;
     }

@@ -1,7 +1,7 @@
 /* An edit: a step that one worker makes whole, committed, told to everyone.
  *
- *     start ==> look_up ==> (turn) ==> make, answer, write ==> revision + 1, session.update
- *               (loop)                 (worker)                (loop)
+ *     start ==> look_up ==> (turn) ==> claim ==> make, answer, write ==> revision + 1,
+ * session.update (loop)                 (loop)    (worker)                (loop)
  *
  * Stage: job -> commit -> reply. Thread: as marked. What an edit does is its kind's; that nothing
  * changes unless everything went well, and that nobody hears of what changed nothing, is here.
@@ -18,6 +18,7 @@ struct skd_edit_kind;
 struct skd_edit {
     const struct skd_edit_kind *kind;
     struct skd_named_poses poses; /* for look_up to fill; let go of when the call ends */
+    struct skd_sheet *shape;      /* for claim to find */
     struct skd_step *step;        /* for make to fill: empty where nothing changes */
     size_t vertices;              /* the same: how many it changes */
     bool want_line;
@@ -31,6 +32,9 @@ struct skd_edit_kind {
     /* On the loop, before the turn, while the session's poses can be looked at; NULL: nothing. */
     enum skd_status (*look_up)(struct skd_call *call, const struct skd_session *session,
                                struct skd_edit *edit, struct skd_error *error);
+    /* On the loop, when the turn begins: what only the loop may add to a session; NULL: nothing. */
+    enum skd_status (*claim)(struct skd_session *session, struct skd_edit *edit,
+                             struct skd_error *error);
     /* In a worker: makes the step, and adds to the answer (call->reply.body) what only this kind
      * tells. SKD_CANCELLED ends the call as cancelled, whatever the error says. */
     enum skd_status (*make)(struct skd_call *call, struct skd_edit *edit, struct skd_error *error);

@@ -34,6 +34,15 @@ static enum skd_status find_shape(struct skd_call *call, const struct skd_sessio
     return skd_named_poses_find(session, &shape, shape != NULL, &edit->poses, error);
 }
 
+static enum skd_status claim_shape(struct skd_session *session, struct skd_edit *edit,
+                                   struct skd_error *error)
+{
+    if (edit->poses.count == 0)
+        return SKD_OK;
+    return skd_session_need_sheet(session, &session->shapes, edit->poses.items[0], &edit->shape,
+                                  error);
+}
+
 static enum skd_status set(struct skd_call *call, struct skd_edit *edit, struct skd_error *error)
 {
     const struct skd_weights_set_params *params = &call->request.params.weights_set;
@@ -44,7 +53,7 @@ static enum skd_status set(struct skd_call *call, struct skd_edit *edit, struct 
         .weight_count = params->weights.count,
         .joints = params->joints.data,
         .rest = params->rest.data,
-        .shape = edit->poses.count > 0 ? edit->poses.items[0] : NULL,
+        .shape = edit->shape,
         .offsets = params->offsets.data,
     };
     enum skd_status status = skd_setting_prepare(call->live->session, &wanted, &edit->step, error);
@@ -59,6 +68,7 @@ void skd_handle_weights_set(struct skd_call *call)
                                               .sender_knows = true,
                                               .forgets_pins = true,
                                               .look_up = find_shape,
+                                              .claim = claim_shape,
                                               .make = set};
     skd_edit_start(call, call->request.params.weights_set.session, &kind);
 }

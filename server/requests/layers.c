@@ -8,9 +8,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* One kind of sheets, and which of them belong to what their pose's name stands for now. */
+/* The sheets of one kind that have rows, and which of them belong to what their pose's name stands
+ * for now. */
 struct layers {
     const struct skd_sheets *sheets;
+    size_t count;
+    const struct skd_sheet *used[SKD_TARGET_POSES_MAX];
     bool is_current[SKD_TARGET_POSES_MAX];
 };
 
@@ -18,9 +21,14 @@ static void look_up(const struct skd_session *session, struct layers *layers)
 {
     size_t bytes = (size_t)session->rig->skeleton.bone_count * SKD_MATRIX_SIZE * sizeof(double);
     for (size_t i = 0; i < layers->sheets->count; i++) {
-        const struct skd_pose *own = layers->sheets->items[i]->pose;
-        const struct skd_pose *named = skd_poses_find(&session->poses, own->name);
-        layers->is_current[i] = named != NULL && memcmp(named->matrices, own->matrices, bytes) == 0;
+        const struct skd_sheet *sheet = layers->sheets->items[i];
+        if (sheet->used == 0)
+            continue;
+        const struct skd_pose *named = skd_poses_find(&session->poses, sheet->pose->name);
+        SKD_ASSERT(layers->count < SKD_TARGET_POSES_MAX);
+        layers->used[layers->count] = sheet;
+        layers->is_current[layers->count++] =
+            named != NULL && memcmp(named->matrices, sheet->pose->matrices, bytes) == 0;
     }
 }
 
@@ -38,10 +46,8 @@ static cJSON *describe(const struct layers *layers, bool has_weight)
 {
     const struct skd_sheets *sheets = layers->sheets;
     cJSON *list = cJSON_CreateArray();
-    for (size_t i = 0; i < sheets->count; i++) {
-        const struct skd_sheet *sheet = sheets->items[i];
-        if (sheet->used == 0)
-            continue;
+    for (size_t i = 0; i < layers->count; i++) {
+        const struct skd_sheet *sheet = layers->used[i];
         cJSON *item = cJSON_CreateObject();
         cJSON_AddStringToObject(item, "pose", sheet->pose->name);
         cJSON_AddNumberToObject(item, "vertices", (double)sheet->used);
@@ -79,9 +85,9 @@ static enum skd_status list_shapes(struct skd_call *call, struct skd_error *erro
 static const struct skd_sheet *find(const struct layers *layers, const char *name)
 {
     const struct skd_sheet *found = NULL;
-    for (size_t i = 0; i < layers->sheets->count; i++) {
-        const struct skd_sheet *sheet = layers->sheets->items[i];
-        if (sheet->used == 0 || strcmp(sheet->pose->name, name) != 0)
+    for (size_t i = 0; i < layers->count; i++) {
+        const struct skd_sheet *sheet = layers->used[i];
+        if (strcmp(sheet->pose->name, name) != 0)
             continue;
         if (layers->is_current[i])
             return sheet;

@@ -19,7 +19,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { CHUNK_VERTICES = 8192 };
+/* Vertices of a chunk; fewer where each takes long, so that a cancelled stroke ends soon. */
+enum { CHUNK_VERTICES = 8192, CHUNK_VERTICES_SLOW = 1024 };
 
 struct job {
     struct skd_call *call;
@@ -231,6 +232,12 @@ static void chunk_done(uv_work_t *work, int status)
     submit_chunks(job);
 }
 
+static size_t chunk_size(const struct skd_stroke *stroke)
+{
+    bool slow = stroke->candidates != NULL || stroke->step->rest_after != NULL;
+    return slow ? CHUNK_VERTICES_SLOW : CHUNK_VERTICES;
+}
+
 static bool submit_chunk(struct job *job)
 {
     struct chunk *chunk = calloc(1, sizeof *chunk);
@@ -240,7 +247,8 @@ static bool submit_chunk(struct job *job)
     chunk->work.data = chunk;
     chunk->job = job;
     chunk->first = job->next;
-    chunk->count = left < CHUNK_VERTICES ? left : CHUNK_VERTICES;
+    size_t most = chunk_size(&job->stroke);
+    chunk->count = left < most ? left : most;
     job->next += chunk->count;
     job->in_flight++;
     int result = uv_queue_work(job->call->daemon->loop, &chunk->work, solve_chunk, chunk_done);

@@ -159,6 +159,22 @@ void skd_history_move(struct skd_history *history, int direction)
     history->position = direction < 0 ? history->position - 1 : history->position + 1;
 }
 
+static void keep_sheets(const struct skd_sheet_change *change, const struct skd_sheets *sheets)
+{
+    for (; change != NULL; change = change->next) {
+        if (change->sheets == sheets)
+            change->sheet->is_kept = true;
+    }
+}
+
+void skd_history_keep_sheets(const struct skd_history *history, const struct skd_sheets *sheets)
+{
+    for (size_t i = 0; i < history->count; i++) {
+        keep_sheets(history->steps[i]->pins, sheets);
+        keep_sheets(history->steps[i]->shape, sheets);
+    }
+}
+
 void skd_history_finish(struct skd_history *history)
 {
     for (size_t i = 0; i < history->count; i++)

@@ -69,6 +69,8 @@ struct skd_step *skd_history_undoable(const struct skd_history *history);
 struct skd_step *skd_history_redoable(const struct skd_history *history);
 /* The step was undone (direction -1) or redone (+1). */
 void skd_history_move(struct skd_history *history, int direction);
+/* Marks the sheets of a kind that a step may write to (skd_sheets_drop_idle). */
+void skd_history_keep_sheets(const struct skd_history *history, const struct skd_sheets *sheets);
 void skd_history_finish(struct skd_history *history);
 
 #endif

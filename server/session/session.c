@@ -65,6 +65,17 @@ enum skd_status skd_session_own_rest(struct skd_session *session, struct skd_err
     return SKD_OK;
 }
 
+enum skd_status skd_session_need_sheet(struct skd_session *session, struct skd_sheets *sheets,
+                                       struct skd_pose *pose, struct skd_sheet **sheet,
+                                       struct skd_error *error)
+{
+    if (sheets->count == sheets->capacity) {
+        skd_history_keep_sheets(&session->history, sheets);
+        skd_sheets_drop_idle(sheets);
+    }
+    return skd_sheets_need(sheets, pose, sheet, error);
+}
+
 void skd_session_anchor_row(const struct skd_session *session, size_t vertex,
                             const uint16_t *joints, float *anchor)
 {

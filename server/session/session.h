@@ -57,6 +57,13 @@ SKD_MUST_CHECK enum skd_status skd_session_keep_start(struct skd_session *sessio
 SKD_MUST_CHECK enum skd_status skd_session_own_rest(struct skd_session *session,
                                                     struct skd_error *error);
 
+/* The pins or shapes (`sheets`) of a pose, made where there are none; sheets that neither a row nor
+ * the history needs any more are let go of when more room is wanted. Loop thread, when a call's
+ * turn begins. Errors: as skd_sheets_need. */
+SKD_MUST_CHECK enum skd_status
+skd_session_need_sheet(struct skd_session *session, struct skd_sheets *sheets,
+                       struct skd_pose *pose, struct skd_sheet **sheet, struct skd_error *error);
+
 /* The start's weights of a vertex laid out by other joints: 0 for a bone that it did not have. */
 void skd_session_anchor_row(const struct skd_session *session, size_t vertex,
                             const uint16_t *joints, float *anchor);

@@ -216,12 +216,8 @@ static enum skd_status fill_shape(struct skd_session *session, const struct skd_
                                   const uint32_t *rows, struct skd_step *step,
                                   struct skd_error *error)
 {
-    struct skd_sheet *sheet;
-    enum skd_status status = skd_sheets_need(&session->shapes, setting->shape, &sheet, error);
-    if (status != SKD_OK)
-        return status;
-    step->shape =
-        skd_sheet_change_create(&session->shapes, sheet, step->vertices, step->count, error);
+    step->shape = skd_sheet_change_create(&session->shapes, setting->shape, step->vertices,
+                                          step->count, error);
     if (step->shape == NULL)
         return SKD_NO_MEMORY;
     for (size_t i = 0; i < step->count; i++)

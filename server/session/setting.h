@@ -17,12 +17,12 @@
 struct skd_setting {
     const uint32_t *vertices; /* [count] */
     size_t count;
-    const float *weights;   /* [count][slots] by the session's slots */
-    size_t weight_count;    /* numbers in `weights` */
-    const uint16_t *joints; /* [count][slots]; NULL: the slots keep their bones */
-    const float *rest;      /* [count][3] bind space; NULL: the rest positions stay */
-    struct skd_pose *shape; /* whose corrective shape gets `offsets`; NULL: none */
-    const float *offsets;   /* [count][3] bind space */
+    const float *weights;    /* [count][slots] by the session's slots */
+    size_t weight_count;     /* numbers in `weights` */
+    const uint16_t *joints;  /* [count][slots]; NULL: the slots keep their bones */
+    const float *rest;       /* [count][3] bind space; NULL: the rest positions stay */
+    struct skd_sheet *shape; /* the corrective shape that gets `offsets`; NULL: none */
+    const float *offsets;    /* [count][3] bind space */
 };
 
 /* Checks the rows against the session and makes the step that sets them (one reference, the

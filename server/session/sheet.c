@@ -31,12 +31,29 @@ void skd_sheets_finish(struct skd_sheets *sheets)
 {
     for (size_t i = 0; i < sheets->count; i++)
         destroy(sheets->items[i]);
-    sheets->count = 0;
+    free(sheets->items);
+    sheets->items = NULL;
+    sheets->count = sheets->capacity = 0;
+}
+
+void skd_sheets_drop_idle(struct skd_sheets *sheets)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < sheets->count; i++) {
+        struct skd_sheet *sheet = sheets->items[i];
+        if (sheet->used == 0 && !sheet->is_kept) {
+            destroy(sheet);
+            continue;
+        }
+        sheet->is_kept = false;
+        sheets->items[kept++] = sheet;
+    }
+    sheets->count = kept;
 }
 
 size_t skd_sheets_bytes(const struct skd_sheets *sheets)
 {
-    size_t bytes = 0;
+    size_t bytes = sheets->capacity * sizeof *sheets->items;
     for (size_t i = 0; i < sheets->count; i++) {
         const struct skd_sheet *sheet = sheets->items[i];
         bytes += sizeof *sheet + sheet->page_count * sizeof *sheet->pages;
@@ -58,30 +75,60 @@ struct skd_sheet *skd_sheets_find(const struct skd_sheets *sheets, const struct 
     return NULL;
 }
 
+static size_t count_used(const struct skd_sheets *sheets)
+{
+    size_t used = 0;
+    for (size_t i = 0; i < sheets->count; i++)
+        used += sheets->items[i]->used > 0;
+    return used;
+}
+
+static enum skd_status make_room(struct skd_sheets *sheets, struct skd_error *error)
+{
+    if (sheets->count < sheets->capacity)
+        return SKD_OK;
+    size_t capacity = sheets->capacity == 0 ? 16 : sheets->capacity * 2;
+    struct skd_sheet **items = realloc(sheets->items, capacity * sizeof *items);
+    if (items == NULL)
+        return skd_fail_memory(error, "another pose's targets");
+    sheets->items = items;
+    sheets->capacity = capacity;
+    return SKD_OK;
+}
+
+static struct skd_sheet *add(struct skd_sheets *sheets, struct skd_pose *pose)
+{
+    struct skd_sheet *sheet = calloc(1, sizeof *sheet);
+    if (sheet == NULL)
+        return NULL;
+    sheet->width = sheets->width;
+    sheet->page_count = (sheets->vertex_count + PAGE_ROWS - 1) / PAGE_ROWS;
+    sheet->pages = calloc(sheet->page_count + 1, sizeof *sheet->pages);
+    if (sheet->pages == NULL) {
+        free(sheet);
+        return NULL;
+    }
+    sheet->pose = skd_pose_hold(pose);
+    sheets->items[sheets->count++] = sheet;
+    return sheet;
+}
+
 enum skd_status skd_sheets_need(struct skd_sheets *sheets, struct skd_pose *pose,
                                 struct skd_sheet **result, struct skd_error *error)
 {
     struct skd_sheet *sheet = skd_sheets_find(sheets, pose);
-    if (sheet == NULL && sheets->count == SKD_TARGET_POSES_MAX)
+    if ((sheet == NULL || sheet->used == 0) && count_used(sheets) == SKD_TARGET_POSES_MAX)
         return skd_fail(error, SKD_TOO_LARGE,
                         "the session has targets in %d poses already; clear the pins of some",
                         SKD_TARGET_POSES_MAX);
     if (sheet == NULL) {
-        sheet = calloc(1, sizeof *sheet);
-        if (sheet == NULL)
-            return skd_fail_memory(error, "another pose's targets");
-        sheet->width = sheets->width;
-        sheet->page_count = (sheets->vertex_count + PAGE_ROWS - 1) / PAGE_ROWS;
-        sheet->pages = calloc(sheet->page_count + 1, sizeof *sheet->pages);
-        if (sheet->pages == NULL) {
-            free(sheet);
-            return skd_fail_memory(error, "another pose's targets");
-        }
-        sheet->pose = skd_pose_hold(pose);
-        sheets->items[sheets->count++] = sheet;
+        enum skd_status status = make_room(sheets, error);
+        if (status != SKD_OK)
+            return status;
+        sheet = add(sheets, pose);
     }
     *result = sheet;
-    return SKD_OK;
+    return sheet != NULL ? SKD_OK : skd_fail_memory(error, "another pose's targets");
 }
 
 enum skd_status skd_sheet_reserve(const struct skd_sheets *sheets, struct skd_sheet *sheet,

@@ -22,6 +22,7 @@ struct skd_sheet {
     struct skd_pose *pose; /* held: whose matrices these rows belong to */
     int width;             /* numbers a row */
     size_t used;           /* rows that are not blank */
+    bool is_kept;          /* what skd_sheets_drop_idle is told */
     size_t page_count;
     float **pages; /* [page_count], NULL where no row was ever written */
 };
@@ -33,8 +34,9 @@ struct skd_sheets {
     float blank; /* what a row is full of that is none: -1 for pins, 0 for shapes */
     size_t vertex_count;
     size_t bone_count;
-    size_t count;
-    struct skd_sheet *items[SKD_TARGET_POSES_MAX];
+    size_t count; /* those that no row is in, too: steps of the history may still fill them */
+    size_t capacity;
+    struct skd_sheet **items; /* [capacity] owned */
 };
 
 void skd_sheets_init(struct skd_sheets *sheets, int width, float blank, size_t vertex_count,
@@ -46,11 +48,14 @@ size_t skd_sheets_bytes(const struct skd_sheets *sheets);
 struct skd_sheet *skd_sheets_find(const struct skd_sheets *sheets, const struct skd_pose *pose);
 
 /* The same, made where there is none (on the loop: it holds the pose). An unused sheet is told to
- * nobody, so making one changes nothing. Errors: SKD_TOO_LARGE past SKD_TARGET_POSES_MAX,
- * SKD_NO_MEMORY.
- */
+ * nobody, so making one changes nothing. Errors: SKD_TOO_LARGE where SKD_TARGET_POSES_MAX others
+ * are used, SKD_NO_MEMORY. */
 SKD_MUST_CHECK enum skd_status skd_sheets_need(struct skd_sheets *sheets, struct skd_pose *pose,
                                                struct skd_sheet **sheet, struct skd_error *error);
+
+/* Lets go of the sheets that have no rows, but for those that are marked as kept, and takes the
+ * marks off. Loop thread, when a turn begins. */
+void skd_sheets_drop_idle(struct skd_sheets *sheets);
 
 /* Makes room for rows of these vertices, so that writing them cannot fail. */
 SKD_MUST_CHECK enum skd_status skd_sheet_reserve(const struct skd_sheets *sheets,

@@ -59,6 +59,35 @@ void skd_stroke_move_rest(struct skd_stroke *stroke, const struct skd_solve_batc
                    stroke->doubtful + first);
 }
 
+/* Whether a vertex's shape follows: it is not locked, and has one or is to get one. */
+static bool is_shaped(const struct skd_stroke *stroke, size_t item)
+{
+    const struct skd_step *step = stroke->step;
+    const float *before = step->shape->before + SKD_SHAPE_NUMBERS * item;
+    bool shaped = stroke->input.residual == SKD_RESIDUAL_SHAPE;
+    if (stroke->vertex_locked != NULL && stroke->vertex_locked[step->vertices[item]])
+        return false;
+    for (size_t k = 0; k < SKD_SHAPE_NUMBERS; k++)
+        shaped = shaped || before[k] < 0.0f || before[k] > 0.0f;
+    return shaped;
+}
+
+/* The shape of a piece's vertices in the stroke's pose: into the step. */
+static void correct(struct skd_stroke *stroke, const struct skd_solve_batch *piece, size_t first,
+                    const float *rest, const uint16_t *joints)
+{
+    const struct skd_step *step = stroke->step;
+    const struct skd_sheet_change *shape = step->shape;
+    skd_shape_solve(piece->count, piece->slot_count, rest, joints,
+                    step->after + (size_t)piece->slot_count * first, stroke->pose->matrices,
+                    piece->poses[0].targets, shape->after + SKD_SHAPE_NUMBERS * first);
+    for (size_t i = first; i < first + piece->count; i++) {
+        if (!is_shaped(stroke, i))
+            memcpy(shape->after + SKD_SHAPE_NUMBERS * i, shape->before + SKD_SHAPE_NUMBERS * i,
+                   SKD_SHAPE_NUMBERS * sizeof(float));
+    }
+}
+
 /* Shape and residuals in the stroke's own pose. */
 static void settle_in_pose(struct skd_stroke *stroke, const struct skd_solve_batch *piece,
                            size_t first)
@@ -75,9 +104,8 @@ static void settle_in_pose(struct skd_stroke *stroke, const struct skd_solve_bat
     measure(shown, asked + 3 * first, count, stroke->residual_before + first);
     gather_rest(stroke, first, count, rest);
     if (step->shape != NULL) {
-        float *offsets = step->shape->after + SKD_SHAPE_NUMBERS * first;
-        skd_shape_solve(count, piece->slot_count, rest, joints, weights, matrices,
-                        piece->poses[0].targets, offsets);
+        const float *offsets = step->shape->after + SKD_SHAPE_NUMBERS * first;
+        correct(stroke, piece, first, rest, joints);
         for (size_t k = 0; k < 3 * count; k++)
             rest[k] += offsets[k];
     }

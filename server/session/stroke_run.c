@@ -27,12 +27,15 @@ enum skd_status skd_stroke_claim(struct skd_stroke *stroke, struct skd_error *er
     if (input->solves_pins)
         stroke->pins = skd_sheets_find(&session->pins, stroke->pose);
     else if (keeps)
-        status = skd_sheets_need(&session->pins, stroke->pose, &stroke->pins, error);
+        status =
+            skd_session_need_sheet(session, &session->pins, stroke->pose, &stroke->pins, error);
     if (status != SKD_OK)
         return status;
     if (input->residual == SKD_RESIDUAL_SHAPE)
-        return skd_sheets_need(&session->shapes, stroke->pose, &stroke->shape, error);
-    stroke->shape = skd_sheets_find(&session->shapes, stroke->pose);
+        return skd_session_need_sheet(session, &session->shapes, stroke->pose, &stroke->shape,
+                                      error);
+    struct skd_sheet *shape = skd_sheets_find(&session->shapes, stroke->pose);
+    stroke->shape = shape != NULL && shape->used > 0 ? shape : NULL;
     return SKD_OK;
 }
 

@@ -13,6 +13,7 @@
 
 #include "session/seams.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,6 +24,13 @@ static const double WIND_UP = 0.03;
 static enum skd_status no_memory(struct skd_error *error)
 {
     return skd_fail_memory(error, "the stroke's targets");
+}
+
+/* Where bones are posed near the end of float32 the surface shown is infinite; a target that was
+ * taken from it would be none, and a pin would keep it. Then the position asked for is taken. */
+static bool fits(double number)
+{
+    return fabs(number) <= (double)FLT_MAX;
 }
 
 /* The request's vertices with their positions drawn to what is shown; those that the mask holds
@@ -43,7 +51,8 @@ static enum skd_status blend(const struct skd_stroke *stroke, uint32_t **vertice
             continue;
         for (size_t axis = 0; axis < 3; axis++) {
             double from = (double)out[3 * i + axis], to = (double)input->positions[3 * i + axis];
-            out[3 * *count + axis] = (float)(share < 1.0 ? from + share * (to - from) : to);
+            double drawn = share < 1.0 ? from + share * (to - from) : to;
+            out[3 * *count + axis] = fits(drawn) ? (float)drawn : (float)to;
         }
         (*vertices)[(*count)++] = input->vertices[i];
     }
@@ -136,8 +145,10 @@ static void move_pin(const float *pin, const float *shown, double reach, float *
     }
     double most = fmax(reach, sqrt(way));
     double share = apart > most * most ? most / sqrt(apart) : 1.0;
-    for (int axis = 0; axis < 3; axis++)
-        target[axis] = (float)((double)shown[axis] + share * offset[axis]);
+    for (int axis = 0; axis < 3; axis++) {
+        double moved = (double)shown[axis] + share * offset[axis];
+        target[axis] = fits(moved) ? (float)moved : target[axis];
+    }
 }
 
 /* Writes the stroke's targets into its pins: the change that the step makes. */
@@ -152,6 +163,8 @@ static enum skd_status pin(struct skd_stroke *stroke, float *targets, struct skd
         return SKD_NO_MEMORY;
     for (size_t i = 0; i < step->count; i++) {
         float *row = step->pins->after + SKD_PIN_NUMBERS * i;
+        if (stroke->vertex_locked != NULL && stroke->vertex_locked[step->vertices[i]])
+            continue; /* it would be drawn there once it is not locked any more */
         bool pinned = row[3] >= 0;
         if (pinned && stroke->shown_before != NULL)
             move_pin(row, stroke->shown_before + 3 * i, reach, targets + 3 * i);
@@ -172,12 +185,12 @@ static struct skd_stroke_pose *add_pose(struct skd_stroke *stroke, const struct 
     return added->targets != NULL && added->strengths != NULL ? added : NULL;
 }
 
-/* The weight of a vertex's pin in the stroke's own pose; 1 where it has none. */
+/* The weight of a vertex's pin in the stroke's own pose; 1 where it has none (and is locked). */
 static float own_weight(const struct skd_stroke *stroke, size_t item)
 {
     const struct skd_step *step = stroke->step;
     if (step->pins != NULL)
-        return step->pins->after[SKD_PIN_NUMBERS * item + 3];
+        return fabsf(step->pins->after[SKD_PIN_NUMBERS * item + 3]);
     const float *row = stroke->pins != NULL ? skd_sheet_row(&stroke->session->pins, stroke->pins,
                                                             step->vertices[item])
                                             : NULL;

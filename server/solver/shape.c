@@ -7,6 +7,10 @@
 #include "solver/row.h"
 #include "solver/symmetric3.h"
 
+#include <float.h>
+#include <math.h>
+#include <stdbool.h>
+
 enum { ROUNDS = 4 };
 static const double ridge_share = 1e-4;
 
@@ -72,7 +76,10 @@ void skd_shape_solve(size_t count, int slot_count, const float *rest, const uint
         blend(slot_count, rest + 3 * item, joints + n * item, weights + n * item, matrices,
               targets + 3 * item, linear, missing);
         solve_offset(linear, missing, offset);
+        bool fits = true; /* a target near the end of float32 may be out of reach: no offset */
+        for (int axis = 0; axis < 3; axis++)
+            fits = fits && fabs(offset[axis]) <= (double)FLT_MAX;
         for (size_t axis = 0; axis < 3; axis++)
-            offsets_out[3 * item + axis] = (float)offset[axis];
+            offsets_out[3 * item + axis] = fits ? (float)offset[axis] : 0.0f;
     }
 }

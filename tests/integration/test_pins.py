@@ -355,3 +355,11 @@ def test_weights_that_are_not_solved_for_take_pins_away(link, method) -> None:
     assert sum(item["vertices"] for item in left) < listed[0]["vertices"]
     link.call("history.undo", {"session": "sheet"})
     assert link.call("pins.list", {"session": "sheet"})["pins"] == listed
+
+
+def test_a_locked_vertex_gets_no_pin(link) -> None:
+    vertices, targets, _ = reachable(link, "bent")
+    answer = stroke(link, vertices, targets, locked_vertices=vertices[:7])
+    assert answer["poses"] == 1
+    pinned = link.call("pins.get", {"session": "sheet", "pose": "bent"})["vertices"]
+    np.testing.assert_array_equal(pinned, np.sort(vertices[7:]))

@@ -111,9 +111,35 @@ static void sheets_have_a_limit(void **state)
         struct skd_pose *pose = make_pose("p", i);
         enum skd_status status = skd_sheets_need(&sheets, pose, &sheet, &error);
         assert_int_equal(status, i < SKD_TARGET_POSES_MAX ? SKD_OK : SKD_TOO_LARGE);
+        sheet->used = 1;
         skd_pose_release(pose);
     }
     assert_int_equal(sheets.count, SKD_TARGET_POSES_MAX);
+    skd_sheets_finish(&sheets);
+}
+
+static void idle_sheets_make_way(void **state)
+{
+    (void)state;
+    struct skd_error error;
+    struct skd_sheets sheets;
+    struct skd_sheet *sheet;
+    skd_sheets_init(&sheets, SKD_PIN_NUMBERS, -1, 10, BONES);
+    for (int i = 0; i <= SKD_TARGET_POSES_MAX; i++) {
+        struct skd_pose *pose = make_pose("p", i);
+        assert_int_equal(skd_sheets_need(&sheets, pose, &sheet, &error), SKD_OK);
+        skd_pose_release(pose);
+    }
+    assert_int_equal(sheets.count, SKD_TARGET_POSES_MAX + 1);
+    struct skd_sheet *used = sheets.items[3], *kept = sheets.items[5];
+    used->used = 1;
+    kept->is_kept = true;
+    skd_sheets_drop_idle(&sheets);
+    assert_int_equal(sheets.count, 2);
+    assert_ptr_equal(sheets.items[0], used);
+    assert_ptr_equal(sheets.items[1], kept);
+    skd_sheets_drop_idle(&sheets);
+    assert_int_equal(sheets.count, 1);
     skd_sheets_finish(&sheets);
 }
 
@@ -123,6 +149,7 @@ int main(void)
         cmocka_unit_test(rows_are_what_was_written),
         cmocka_unit_test(a_sheet_belongs_to_name_and_matrices),
         cmocka_unit_test(sheets_have_a_limit),
+        cmocka_unit_test(idle_sheets_make_way),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
