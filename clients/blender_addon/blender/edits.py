@@ -223,7 +223,7 @@ class SKIND_MT_weights(bpy.types.Menu):
         layout = self.layout
         layout.operator_context = 'INVOKE_DEFAULT'
         for name, icon in (("mirror", 'MOD_MIRROR'), ("prune", 'MOD_DECIM'),
-                           ("reduce", 'MOD_VERTEX_WEIGHT')):
+                           ("reduce", 'MOD_VERTEX_WEIGHT'), ("refit", 'MOD_MESHDEFORM')):
             layout.operator(f"skind.{name}", icon=icon)
 
 

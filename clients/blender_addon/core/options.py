@@ -26,6 +26,7 @@ NEEDS: dict[str, tuple[str, str]] = {
     "mirror": ("mirror", "mirror weights"),
     "prune": ("prune", "prune weights"),
     "reduce": ("reduce", "reduce influences by what poses show"),
+    "refit": ("refit", "find all weights from a moving mesh"),
 }
 
 

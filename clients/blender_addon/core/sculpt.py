@@ -328,9 +328,9 @@ class Sculpt:
     def edit(self, method: str, params: dict,
              on_done: Callable[[dict], None] = lambda result: None) -> None:
         """Asks for a step that is no stroke: weights.mirror, weights.prune, weights.reduce,
-        pins.weigh, pins.clear, pins.solve. It arrives; on_done hears of the answer."""
-        if "pose" in params:
-            self._need_pose(params["pose"])
+        session.refit, pins.weigh, pins.clear, pins.solve. It arrives; on_done hears of the answer."""
+        for pose in (params["pose"],) if "pose" in params else params.get("poses", ()):
+            self._need_pose(pose)
         if method == "pins.solve":
             params = {**params, "stream": False}  # then it is told as edits are
 
@@ -345,6 +345,14 @@ class Sculpt:
             on_done(result)
 
         self._change(method, params, done)
+
+    def refit(self, shapes: np.ndarray, poses: np.ndarray, choices: dict,
+              on_done: Callable[[dict], None]) -> None:
+        """Asks for the weights with which the mesh is shapes f32 [P,V,3] in poses f64 [P,B,4,4],
+        all in mesh space."""
+        names = [self.poses.need(pose, self.length, "refit").name for pose in poses]
+        points = np.concatenate([self.space.points(shape) for shape in shapes])
+        self.edit("session.refit", {"poses": names, "positions": points, **choices}, on_done)
 
     def ask_pins(self) -> None:
         """Has `pins` told anew if something was done since."""
