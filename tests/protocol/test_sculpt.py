@@ -239,6 +239,46 @@ def test_anything_in_any_order_with_seams(daemon, join_file, seed):
     go_wild(tool, Other(daemon), seed)
 
 
+# ---- refit ----
+
+
+@pytest.mark.parametrize("slots", [False, True])
+def test_refit_wins_weights_back_and_is_undone(daemon, make_tool, slots):
+    tool = make_tool().create()
+    sculpt = tool.sculpt
+    poses = np.array([tool.pose(angle) for angle in (-0.9, -0.5, 0.4, 0.8, 0.8)])
+    right = np.array([sculpt.posed(slice(None), pose) for pose in poses], np.float32)
+    tool.paint(np.arange(V, dtype=np.uint32), np.random.default_rng(5))
+    tool.settle()
+    answers: list = []
+    wanted = right.copy()
+    wanted[4] += 1  # the same pose again: its first positions count
+    labels = [f"frame {number}" for number in range(len(poses))]
+    assert sculpt.refit(poses, wanted, labels, slots, lambda *said: answers.append(said)) is not None
+    tool.settle()
+    (result, error), = answers
+    assert error is None and result["vertices"] == V
+    apart = [np.abs(sculpt.posed(slice(None), pose) - place).max()
+             for pose, place in zip(poses, right)]
+    assert max(apart) < 1e-4 * sculpt.length < 1e-2 * result["residual"]["before"]["mean"]
+    with daemon.link() as link:
+        tool.check(link)
+        tool.undo()
+        tool.settle()
+        tool.check(link)
+
+
+def test_refit_needs_poses_that_differ(daemon, make_tool):
+    tool = make_tool().create()
+    pose = tool.pose(0.3)
+    places = np.zeros((2, V, 3), np.float32)
+    said: list = []
+    assert tool.sculpt.refit(np.array([pose, pose]), places, ["a", "b"], True,
+                             lambda *answer: said.append(answer)) is None
+    tool.settle()
+    assert said == [] and tool.sculpt.revision == 0
+
+
 # ---- leaving ----
 
 

@@ -9,7 +9,7 @@ import importlib
 # there, and is the first to stop.
 MODULES = (
     "properties", "preferences", "session", "hands", "strokes",
-    "history", "files", "overlays", "compare", "operators", "refit", "edits", "panel",
+    "history", "files", "overlays", "compare", "operators", "edits", "refit", "panel",
     "panel_options", "pump",
 )
 

@@ -223,8 +223,10 @@ class SKIND_MT_weights(bpy.types.Menu):
         layout = self.layout
         layout.operator_context = 'INVOKE_DEFAULT'
         for name, icon in (("mirror", 'MOD_MIRROR'), ("prune", 'MOD_DECIM'),
-                           ("reduce", 'MOD_VERTEX_WEIGHT'), ("refit", 'MOD_MESHDEFORM')):
+                           ("reduce", 'MOD_VERTEX_WEIGHT')):
             layout.operator(f"skind.{name}", icon=icon)
+        if options.can("refit", session.channel().capabilities):
+            layout.operator("skind.refit", icon='MOD_MESHDEFORM')
 
 
 CLASSES = (SKIND_OT_pins_weigh, SKIND_OT_pins_clear, SKIND_OT_pins_solve, SKIND_OT_keep_pose,

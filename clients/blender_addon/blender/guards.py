@@ -126,7 +126,7 @@ def _probe(armature: bpy.types.Object) -> Iterator[_Probe]:
     scene = bpy.data.scenes.new("Skind")
     copy = armature.copy()
     try:
-        _point_at(copy, armature)
+        point_at(copy, armature)
         scene.collection.objects.link(copy)
         yield _Probe(scene, copy)
     finally:
@@ -134,7 +134,7 @@ def _probe(armature: bpy.types.Object) -> Iterator[_Probe]:
         bpy.data.objects.remove(copy)
 
 
-def _point_at(copy: bpy.types.Object, armature: bpy.types.Object) -> None:
+def point_at(copy: bpy.types.Object, armature: bpy.types.Object) -> None:
     """Constraints and drivers of the copy that look at the armature look at the copy."""
     for bone in copy.pose.bones:
         for constraint in bone.constraints:

@@ -25,8 +25,8 @@ NEEDS: dict[str, tuple[str, str]] = {
     "locks": ("locks", "leave locked groups alone"),
     "mirror": ("mirror", "mirror weights"),
     "prune": ("prune", "prune weights"),
+    "refit": ("refit", "fit weights to another mesh's motion"),
     "reduce": ("reduce", "reduce influences by what poses show"),
-    "refit": ("refit", "find all weights from a moving mesh"),
 }
 
 

@@ -328,9 +328,9 @@ class Sculpt:
     def edit(self, method: str, params: dict,
              on_done: Callable[[dict], None] = lambda result: None) -> None:
         """Asks for a step that is no stroke: weights.mirror, weights.prune, weights.reduce,
-        session.refit, pins.weigh, pins.clear, pins.solve. It arrives; on_done hears of the answer."""
-        for pose in (params["pose"],) if "pose" in params else params.get("poses", ()):
-            self._need_pose(pose)
+        pins.weigh, pins.clear, pins.solve. It arrives; on_done hears of the answer."""
+        if "pose" in params:
+            self._need_pose(params["pose"])
         if method == "pins.solve":
             params = {**params, "stream": False}  # then it is told as edits are
 
@@ -345,14 +345,6 @@ class Sculpt:
             on_done(result)
 
         self._change(method, params, done)
-
-    def refit(self, shapes: np.ndarray, poses: np.ndarray, choices: dict,
-              on_done: Callable[[dict], None]) -> None:
-        """Asks for the weights with which the mesh is shapes f32 [P,V,3] in poses f64 [P,B,4,4],
-        all in mesh space."""
-        names = [self.poses.need(pose, self.length, "refit").name for pose in poses]
-        points = np.concatenate([self.space.points(shape) for shape in shapes])
-        self.edit("session.refit", {"poses": names, "positions": points, **choices}, on_done)
 
     def ask_pins(self) -> None:
         """Has `pins` told anew if something was done since."""
@@ -381,6 +373,25 @@ class Sculpt:
             on_done()
 
         self._request("guard.set", self.guard_params(), done)
+
+    def refit(self, poses: np.ndarray, positions: np.ndarray, labels: list[str], other_bones: bool,
+              on_done: Callable[[dict | None, SkindError | None], None]) -> int | None:
+        """Asks for weights that bring all vertices to positions f32 [P,V,3], mesh space, in poses
+        f64 [P,B,4,4]. It arrives; on_done hears of the answer. Returns the request, to cancel it.
+
+        Of poses that are the same the first counts. None and no word to on_done: they all are.
+        """
+        chosen: dict[str, int] = {}
+        for index, (pose, label) in enumerate(zip(poses, labels)):
+            chosen.setdefault(self.poses.need(pose, self.length, label).name, index)
+        if len(chosen) < 2:
+            return None
+        for name in chosen:
+            self._need_pose(name)
+        wanted = positions[list(chosen.values())].reshape(-1, 3)
+        return self._change("session.refit", {
+            "poses": list(chosen), "positions": self.space.points(wanted),
+            "slots": "evidence" if other_bones else "keep"}, on_done)
 
     def guard_params(self) -> dict:
         if self.guard is None:
