@@ -18,8 +18,11 @@ import shutil
 import signal
 import subprocess
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+
+from core import Link
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
@@ -155,10 +158,13 @@ class Blender:
         return self.start(call, *arguments, **named).result()
 
     def close(self) -> None:
-        """Ends what still runs: a test that failed between start() and result()."""
+        """Ends what still runs: a test that failed between start() and result(), and a daemon that
+        an add-on started and that holds unexported strokes, which it would keep for ever."""
         for job in self.jobs:
             if job.process.poll() is None:
                 job.kill()
+        with suppress(OSError), Link.connect(self.socket, name="test") as link:
+            link.call("shutdown")
 
 
 class Window(Blender):

@@ -13,7 +13,9 @@ from pathlib import Path
 
 from PIL import Image, ImageChops
 
-from blenders import DEBIAN, Blender, Window
+sys.path[:0] = [str(Path(__file__).resolve().parents[2] / "clients" / "blender_addon")]
+
+from blenders import DEBIAN, Blender, Window  # noqa: E402
 
 SCREEN = (1280, 960)
 SECONDS = 400
