@@ -245,7 +245,7 @@ def test_everything_at_once(start, folder, seed) -> None:
     observers = [Observer(daemon, lines) for lines in (False, True)]
     for number in range(STEPS // 3):
         storm.step()
-        if number % 20 == 0:
+        if number % 4 == 0:
             for observer in observers:
                 observer.step(["small", "large", "body"])
     storm.settle()
