@@ -121,6 +121,10 @@ def notes(detail: dict) -> str:
         parts.append("<b>Reduction.</b> Cut by frames of the clips alone, MakeHuman comes to "
                      f'{detail["reduce4_clips_on_random"]:.2f} times the error of the largest four '
                      "in random poses: poses unlike those named are not looked after.")
+    if parts:
+        parts.insert(0, "What exactly a figure is had to be settled where words leave it open. For "
+                     "those below that was done after results had been seen; the other readings "
+                     "stand beside them, also where they miss.")
     return "".join(f"<p>{part}</p>" for part in parts)
 
 
