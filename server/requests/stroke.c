@@ -13,6 +13,7 @@
  */
 #include "requests/handlers.h"
 
+#include "requests/named_poses.h"
 #include "requests/updates.h"
 #include "session/stroke_run.h"
 
@@ -25,9 +26,9 @@ enum { CHUNK_VERTICES = 8192, CHUNK_VERTICES_SLOW = 1024 };
 struct job {
     struct skd_call *call;
     struct skd_stroke stroke;
-    struct skd_pose **frames; /* of a refit, held; [stroke.input.frame_count] */
-    size_t next;              /* first vertex of the next chunk */
-    int in_flight;            /* chunks that workers have */
+    struct skd_named_poses frames; /* of a refit */
+    size_t next;                   /* first vertex of the next chunk */
+    int in_flight;                 /* chunks that workers have */
     bool want_line;
     struct skd_encoded line; /* the update for listeners that speak lines */
     uint64_t begun_ns;
@@ -321,12 +322,9 @@ static void dismiss(struct skd_call *call)
 {
     struct job *job = call->state;
     struct skd_pose *pose = job->stroke.pose;
-    size_t frame_count = job->stroke.input.frame_count;
     skd_stroke_dismiss(&job->stroke);
     skd_pose_release(pose);
-    for (size_t i = 0; i < frame_count; i++)
-        skd_pose_release(job->frames[i]);
-    free(job->frames);
+    skd_named_poses_finish(&job->frames);
     skd_encoded_finish(&job->line);
     free(job);
 }
@@ -418,21 +416,13 @@ void skd_handle_session_refit(struct skd_call *call)
     if (job == NULL)
         return;
     struct skd_stroke_input *input = &job->stroke.input;
-    job->frames = calloc(params->pose_count + 1, sizeof(struct skd_pose *));
-    if (job->frames == NULL) {
-        (void)skd_fail_memory(&error, "a refit");
+    if (skd_named_poses_find(live->session, params->poses, params->pose_count, &job->frames,
+                             &error) != SKD_OK) {
         skd_call_fail(call, &error);
         return;
     }
-    for (size_t i = 0; i < params->pose_count; i++) {
-        struct skd_pose *pose = skd_session_find_pose(live->session, params->poses[i], &error);
-        if (pose == NULL) {
-            skd_call_fail(call, &error);
-            return;
-        }
-        job->frames[input->frame_count++] = skd_pose_hold(pose);
-    }
-    input->frames = job->frames;
+    input->frames = job->frames.items;
+    input->frame_count = job->frames.count;
     input->frame_positions = params->positions.data;
     input->positions = NULL;
     input->count = params->positions.rows;

@@ -3,10 +3,21 @@
 
 #include "rig/elements.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum { ALIGNMENT = 4, ARRAY_BUFFER = 34962 };
+
+void skd_gltf_find_bounds(const float *elements, size_t count, float *bounds)
+{
+    for (size_t i = 0; i < 3; i++)
+        bounds[i] = bounds[3 + i] = elements[i];
+    for (size_t i = 3; i < 3 * count; i++) {
+        bounds[i % 3] = fminf(bounds[i % 3], elements[i]);
+        bounds[3 + i % 3] = fmaxf(bounds[3 + i % 3], elements[i]);
+    }
+}
 
 enum skd_status skd_gltf_additions_init(struct skd_gltf_additions *additions,
                                         const struct skd_gltf_container *container,

@@ -41,6 +41,9 @@ struct skd_gltf_addition {
     const float *bounds;
 };
 
+/* bounds [2][3] of at least one element. */
+void skd_gltf_find_bounds(const float *elements, size_t count, float *bounds);
+
 /* Errors: SKD_NO_MEMORY; finish it then too. The container is borrowed. */
 SKD_MUST_CHECK enum skd_status skd_gltf_additions_init(struct skd_gltf_additions *additions,
                                                        const struct skd_gltf_container *container,

@@ -66,23 +66,13 @@ static void find_leader(const struct moving *moving, size_t part)
         }
 }
 
-static void find_bounds(const float *positions, size_t count, float *bounds)
-{
-    for (size_t i = 0; i < 3; i++)
-        bounds[i] = bounds[3 + i] = positions[i];
-    for (size_t i = 3; i < 3 * count; i++) {
-        bounds[i % 3] = fminf(bounds[i % 3], positions[i]);
-        bounds[3 + i % 3] = fmaxf(bounds[3 + i % 3], positions[i]);
-    }
-}
-
 /* All positions of the part, in an accessor of their own. */
 static enum skd_status write_new(const struct moving *moving, const struct skd_part *part,
                                  struct skd_gltf_target *target, struct skd_error *error)
 {
     const float *positions = moving->rest + 3 * part->first_vertex;
     float bounds[6];
-    find_bounds(positions, part->vertex_count, bounds);
+    skd_gltf_find_bounds(positions, part->vertex_count, bounds);
     const struct skd_gltf_addition addition = {.component = SKD_GLTF_FLOAT,
                                                .width = 3,
                                                .is_vertex_data = true,

@@ -148,12 +148,9 @@ static enum skd_status add_offsets(const struct skd_gltf_shaping *shaping, size_
 {
     struct skd_gltf_additions *additions = &shaping->patch->additions;
     const float *offsets = scratch->offsets;
-    float bounds[6] = {offsets[0], offsets[1], offsets[2], offsets[0], offsets[1], offsets[2]};
+    float bounds[6];
     size_t found = 0, at = 0;
-    for (size_t i = 0; i < 3 * vertex_count; i++) {
-        bounds[i % 3] = fminf(bounds[i % 3], offsets[i]);
-        bounds[3 + i % 3] = fmaxf(bounds[3 + i % 3], offsets[i]);
-    }
+    skd_gltf_find_bounds(offsets, vertex_count, bounds);
     const struct skd_gltf_addition addition = {.component = SKD_GLTF_FLOAT,
                                                .width = 3,
                                                .is_vertex_data = true,

@@ -75,8 +75,8 @@ static enum skd_status pick(const struct skd_session *session, const struct skd_
 {
     const struct skd_samples_skin skin = {
         .slot_count = session->slot_count,
-        .joints = session->start_joints != NULL ? session->start_joints : session->joints,
-        .weights = session->start_weights != NULL ? session->start_weights : session->anchor,
+        .joints = skd_session_start_joints(session),
+        .weights = skd_session_start_weights(session),
     };
     size_t most = input->most < samples->count ? input->most : samples->count;
     guards->candidate_count = samples->count;

@@ -1,6 +1,8 @@
 /* See pose_spread.h. */
 #include "session/pose_spread.h"
 
+#include "rig/matrix.h"
+
 #include <math.h>
 
 /* Below this share of L bones are not told apart: 25 degrees at every joint leave no vertex of a
@@ -9,12 +11,6 @@ static const double SPREAD_PER_LENGTH = 0.002;
 
 /* Fewer than this share of the vertices are not worth a warning. */
 static const double SHARE_TOLD = 0.05;
-
-static void carry(const double *m, const float *v, double d[3])
-{
-    for (int axis = 0; axis < 3; axis++, m += 4)
-        d[axis] = m[0] * (double)v[0] + m[1] * (double)v[1] + m[2] * (double)v[2] + m[3];
-}
 
 /* How far the poses move a vertex's first bone and another of its slots' apart: the root mean
  * square over the poses of |d_0 - d_i|, for the slot where it is largest. */
@@ -29,11 +25,13 @@ static double spread(const struct skd_stroke *stroke, size_t vertex)
         double sum = 0.0;
         for (int p = 0; p < stroke->pose_count && joints[i] != SKD_SLOT_EMPTY; p++) {
             const double *matrices = stroke->poses[p].matrices;
-            double a[3], b[3];
-            carry(matrices + (size_t)SKD_MATRIX_SIZE * joints[0], rest, a);
-            carry(matrices + (size_t)SKD_MATRIX_SIZE * joints[i], rest, b);
+            double apart[3] = {0};
+            skd_matrix_add_transformed(matrices + (size_t)SKD_MATRIX_SIZE * joints[0], rest, 1,
+                                       apart);
+            skd_matrix_add_transformed(matrices + (size_t)SKD_MATRIX_SIZE * joints[i], rest, -1,
+                                       apart);
             for (int axis = 0; axis < 3; axis++)
-                sum += (a[axis] - b[axis]) * (a[axis] - b[axis]);
+                sum += apart[axis] * apart[axis];
         }
         most = fmax(most, sum / stroke->pose_count);
     }

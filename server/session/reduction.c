@@ -2,6 +2,7 @@
 #include "session/reduction.h"
 
 #include "rig/influences.h"
+#include "rig/matrix.h"
 #include "rig/pose.h"
 #include "session/guards.h"
 #include "session/row_edit.h"
@@ -12,7 +13,6 @@
 #include <string.h>
 
 enum { POSES_TRIED = 16, FRAMES_PICKED = 24, BENDS = 24 };
-static const double BEND_RAD = 25.0 * 3.14159265358979323846 / 180.0;
 
 /* ---- how far vertices move ----------------------------------------------------------------- */
 
@@ -37,10 +37,8 @@ static void skin(const struct blend *blend, const float *rest, const double *mat
         const double weight = (double)blend->weights[k];
         if (blend->joints[k] == SKD_SLOT_EMPTY || (!(weight > 0) && !(weight < 0)))
             continue;
-        const double *m = matrices + (size_t)blend->joints[k] * SKD_MATRIX_SIZE;
-        for (int axis = 0; axis < 3; axis++, m += 4)
-            position[axis] += weight * (m[0] * (double)rest[0] + m[1] * (double)rest[1] +
-                                        m[2] * (double)rest[2] + m[3]);
+        skd_matrix_add_transformed(matrices + (size_t)blend->joints[k] * SKD_MATRIX_SIZE, rest,
+                                   weight, position);
     }
 }
 
@@ -78,7 +76,7 @@ static enum skd_status try_pose(const struct skd_rig *rig, int index, double *ma
 {
     int clip_count = (int)rig->nodes.clip_count;
     if (clip_count == 0) {
-        skd_pose_bend(rig, (uint32_t)index, BEND_RAD, matrices);
+        skd_pose_bend(rig, (uint32_t)index, SKD_SAMPLE_BEND_RAD, matrices);
         return SKD_OK;
     }
     int clip = index % clip_count;

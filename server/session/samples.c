@@ -11,7 +11,6 @@ enum { VERTICES_COMPARED = 2000 };
 static const double FRAMES_PER_SECOND = 10;
 static const double FRAMES_MAX = 1e6; /* of one clip: far more than are ever kept */
 static const double ALIKE_PER_LENGTH = 1e-6;
-static const double BEND_RAD = 25.0 * 3.14159265358979323846 / 180.0;
 
 static size_t pose_numbers(const struct skd_samples *samples)
 {
@@ -77,7 +76,7 @@ enum skd_status skd_samples_add_matrices(struct skd_samples *samples, const stru
 
 void skd_samples_add_bend(struct skd_samples *samples, const struct skd_rig *rig, int seed)
 {
-    skd_pose_bend(rig, (uint32_t)seed, BEND_RAD, next(samples));
+    skd_pose_bend(rig, (uint32_t)seed, SKD_SAMPLE_BEND_RAD, next(samples));
     name_next(samples, SKD_SAMPLE_BEND, "", 0, seed);
 }
 

@@ -17,6 +17,9 @@ struct skd_sample {
     int index;                         /* place within its source */
 };
 
+/* How far a sample's bend turns every joint: 25 degrees. */
+#define SKD_SAMPLE_BEND_RAD (25.0 * 3.14159265358979323846 / 180.0)
+
 struct skd_samples {
     size_t count;
     size_t capacity;

@@ -76,15 +76,22 @@ enum skd_status skd_session_need_sheet(struct skd_session *session, struct skd_s
     return skd_sheets_need(sheets, pose, sheet, error);
 }
 
+const uint16_t *skd_session_start_joints(const struct skd_session *session)
+{
+    return session->start_joints != NULL ? session->start_joints : session->joints;
+}
+
+const float *skd_session_start_weights(const struct skd_session *session)
+{
+    return session->start_weights != NULL ? session->start_weights : session->anchor;
+}
+
 void skd_session_anchor_row(const struct skd_session *session, size_t vertex,
                             const uint16_t *joints, float *anchor)
 {
     size_t slots = (size_t)session->slot_count;
-    const uint16_t *start_joints =
-        (session->start_joints != NULL ? session->start_joints : session->joints) + vertex * slots;
-    const float *start =
-        (session->start_weights != NULL ? session->start_weights : session->anchor) +
-        vertex * slots;
+    const uint16_t *start_joints = skd_session_start_joints(session) + vertex * slots;
+    const float *start = skd_session_start_weights(session) + vertex * slots;
     for (size_t i = 0; i < slots; i++) {
         anchor[i] = 0;
         for (size_t k = 0; k < slots && joints[i] != SKD_SLOT_EMPTY; k++) {

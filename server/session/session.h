@@ -64,6 +64,10 @@ SKD_MUST_CHECK enum skd_status
 skd_session_need_sheet(struct skd_session *session, struct skd_sheets *sheets,
                        struct skd_pose *pose, struct skd_sheet **sheet, struct skd_error *error);
 
+/* [V][N] what vertices had at revision 0. */
+const uint16_t *skd_session_start_joints(const struct skd_session *session);
+const float *skd_session_start_weights(const struct skd_session *session);
+
 /* The start's weights of a vertex laid out by other joints: 0 for a bone that it did not have. */
 void skd_session_anchor_row(const struct skd_session *session, size_t vertex,
                             const uint16_t *joints, float *anchor);

@@ -81,16 +81,6 @@ void skd_smoothing_destroy(struct skd_smoothing *smoothing)
     free(smoothing);
 }
 
-static const uint16_t *start_joints_of(const struct skd_session *session, size_t at)
-{
-    return (session->start_joints != NULL ? session->start_joints : session->joints) + at;
-}
-
-static const float *start_weights_of(const struct skd_session *session, size_t at)
-{
-    return (session->start_weights != NULL ? session->start_weights : session->anchor) + at;
-}
-
 /* After the first pass: the rows that all further ones work on. */
 static void gather(struct skd_stroke *stroke)
 {
@@ -107,9 +97,9 @@ static void gather(struct skd_stroke *stroke)
                3 * sizeof(float));
         smoothing->locked[i] = stroke->vertex_locked != NULL && stroke->vertex_locked[vertex];
         memcpy(smoothing->joints + to, joints, slots * sizeof *joints);
-        memcpy(smoothing->start_joints + to, start_joints_of(session, from),
+        memcpy(smoothing->start_joints + to, skd_session_start_joints(session) + from,
                slots * sizeof *joints);
-        memcpy(smoothing->start_weights + to, start_weights_of(session, from),
+        memcpy(smoothing->start_weights + to, skd_session_start_weights(session) + from,
                slots * sizeof(float));
         skd_session_anchor_row(session, vertex, joints, smoothing->anchor + to);
     }
@@ -144,8 +134,8 @@ static double change_of(const struct skd_stroke *stroke, uint32_t vertex, uint16
                      ? weight_in(slots, session->joints + at, session->weights + at, bone)
                      : weight_in(slots, smoothing->joints + item * slots,
                                  smoothing->previous + item * slots, bone);
-    return now -
-           weight_in(slots, start_joints_of(session, at), start_weights_of(session, at), bone);
+    return now - weight_in(slots, skd_session_start_joints(session) + at,
+                           skd_session_start_weights(session) + at, bone);
 }
 
 static void pull(const struct skd_stroke *stroke, size_t item)

@@ -19,6 +19,7 @@
 #define SKD_SESSION_STROKE_RUN_H
 
 #include "session/stroke_pass.h"
+#include "session/stroke_report.h"
 
 /* Finds or makes the sheets of the stroke's pose (which they hold). Loop thread, at the beginning
  * of the turn. Errors: SKD_TOO_LARGE (targets in too many poses), SKD_NO_MEMORY. */
@@ -31,10 +32,6 @@ SKD_MUST_CHECK enum skd_status skd_stroke_claim(struct skd_stroke *stroke, struc
  * in any case. */
 SKD_MUST_CHECK enum skd_status skd_stroke_prepare(struct skd_stroke *stroke,
                                                   struct skd_error *error);
-
-/* Errors: SKD_NO_MEMORY. */
-SKD_MUST_CHECK enum skd_status skd_stroke_finish(struct skd_stroke *stroke,
-                                                 struct skd_error *error);
 
 /* Frees what the stroke owns but for the step, which it lets go of (loop thread: the step's
  * references are counted there). */

@@ -185,16 +185,16 @@ static struct skd_stroke_pose *add_pose(struct skd_stroke *stroke, const struct 
     return added->targets != NULL && added->strengths != NULL ? added : NULL;
 }
 
-/* The weight of a vertex's pin in the stroke's own pose; 1 where it has none (and is locked). */
+/* The weight of a vertex's pin in the stroke's own pose; 1 where it has none. */
 static float own_weight(const struct skd_stroke *stroke, size_t item)
 {
     const struct skd_step *step = stroke->step;
+    const float *row = NULL;
     if (step->pins != NULL)
-        return fabsf(step->pins->after[SKD_PIN_NUMBERS * item + 3]);
-    const float *row = stroke->pins != NULL ? skd_sheet_row(&stroke->session->pins, stroke->pins,
-                                                            step->vertices[item])
-                                            : NULL;
-    return row != NULL ? row[3] : 1.0f;
+        row = step->pins->after + SKD_PIN_NUMBERS * item;
+    else if (stroke->pins != NULL)
+        row = skd_sheet_row(&stroke->session->pins, stroke->pins, step->vertices[item]);
+    return row != NULL && row[3] >= 0 ? row[3] : 1.0f;
 }
 
 /* How strongly the stroke's own pose counts: strengths only where some are not 1. */

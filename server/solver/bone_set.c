@@ -8,8 +8,6 @@
 #include "solver/guard.h"
 #include "solver/row.h"
 
-static const double ridge_least = 1e-12; /* as skd_solve's */
-
 void skd_subject_read(const struct skd_solve_batch *batch, const struct skd_solve_options *options,
                       size_t item, struct skd_subject *subject)
 {
@@ -20,6 +18,9 @@ void skd_subject_read(const struct skd_solve_batch *batch, const struct skd_solv
     subject->vertex = batch->vertices[item];
     subject->aim_count = 0;
     subject->strength = 0.0;
+    const size_t first = (size_t)batch->slot_count * subject->vertex;
+    subject->start_joints = (batch->start_joints ? batch->start_joints : batch->joints) + first;
+    subject->start_weights = (batch->start_weights ? batch->start_weights : batch->anchor) + first;
     for (size_t axis = 0; axis < 3; axis++)
         subject->rest[axis] = (double)batch->rest[3 * subject->vertex + axis];
     for (int p = 0; p < batch->pose_count; p++) {
@@ -38,13 +39,9 @@ void skd_subject_read(const struct skd_solve_batch *batch, const struct skd_solv
 
 double skd_subject_anchor(const struct skd_subject *subject, uint16_t bone)
 {
-    const struct skd_solve_batch *batch = subject->batch;
-    const uint16_t *joints = batch->start_joints ? batch->start_joints : batch->joints;
-    const float *weights = batch->start_weights ? batch->start_weights : batch->anchor;
-    const size_t n = (size_t)batch->slot_count;
-    for (size_t slot = n * subject->vertex; slot < n * (subject->vertex + 1); slot++) {
-        if (joints[slot] == bone)
-            return (double)weights[slot];
+    for (int slot = 0; slot < subject->batch->slot_count; slot++) {
+        if (subject->start_joints[slot] == bone)
+            return (double)subject->start_weights[slot];
     }
     return 0.0;
 }
@@ -76,17 +73,15 @@ static void add_guard(const struct skd_bone_set *set, const struct skd_subject *
                       struct skd_problem *problem, const int *open)
 {
     const struct skd_solve_batch *batch = subject->batch;
-    const uint16_t *joints = batch->start_joints ? batch->start_joints : batch->joints;
-    const float *weights = batch->start_weights ? batch->start_weights : batch->anchor;
-    const size_t n = (size_t)batch->slot_count;
     const double lambda = subject->options->guard;
     for (int r = 0; r < problem->count; r++) {
         const int bone = set->bones[open[r]];
         double apart = 0.0;
-        for (size_t slot = n * subject->vertex; slot < n * (subject->vertex + 1); slot++) {
-            if (joints[slot] != SKD_SLOT_EMPTY)
-                apart += (double)weights[slot] *
-                         skd_guard_pair(batch->guard, bone, joints[slot], subject->rest);
+        for (int slot = 0; slot < batch->slot_count; slot++) {
+            const uint16_t own = subject->start_joints[slot];
+            if (own != SKD_SLOT_EMPTY)
+                apart += (double)subject->start_weights[slot] *
+                         skd_guard_pair(batch->guard, bone, own, subject->rest);
         }
         for (int i = 0; i < set->count; i++) {
             if (set->held[i])
@@ -103,7 +98,6 @@ static void add_guard(const struct skd_bone_set *set, const struct skd_subject *
 bool skd_bone_set_problem(const struct skd_bone_set *set, const struct skd_subject *subject,
                           double kappa, struct skd_problem *problem, int *open)
 {
-    const double length = subject->options->length, square = kappa * kappa;
     double anchor[SKD_SLOT_COUNT_MAX], held = 0.0;
     int count = 0;
     for (int i = 0; i < set->count; i++) {
@@ -116,7 +110,8 @@ bool skd_bone_set_problem(const struct skd_bone_set *set, const struct skd_subje
     if (count == 0)
         return false;
     const double mass = held < 1.0 ? 1.0 - held : 0.0;
-    const double ridge = length * length * (square > ridge_least ? square : ridge_least);
+    const double length = subject->options->length;
+    const double ridge = length * length * row_kappa_square(kappa);
     skd_problem_begin(problem, count, mass, ridge, anchor);
     for (int p = 0; p < subject->aim_count; p++) {
         const struct skd_aim *aim = &subject->aims[p];

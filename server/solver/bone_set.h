@@ -23,6 +23,8 @@ struct skd_subject {
     size_t item;
     size_t vertex;
     double rest[3];
+    const uint16_t *start_joints; /* [N] the vertex's row at the session's start */
+    const float *start_weights;
     int aim_count;
     double strength; /* sum of the aims' */
     struct skd_aim aims[SKD_EVIDENCE_POSES_MAX];

@@ -174,10 +174,27 @@ static void choose(const struct skd_bone_set *set, const struct skd_subject *sub
 
 /* ---- rows ---- */
 
-/* Lays chosen bones out: each in the slot that it had, new ones in what is free, then the list's
- * next. Weights are rounded as the solver rounds. */
+/* Gives the slots that are free to the list's next bones, for later strokes. */
+static void offer_next(const struct skd_bone_set *chosen, const struct skd_subject *subject,
+                       const uint16_t *list, uint16_t *joints)
+{
+    const uint8_t *locked = subject->batch->bone_locked;
+    int slot = 0;
+    for (int k = 0; k < SKD_CANDIDATES_MAX && list[k] != SKD_SLOT_EMPTY; k++) {
+        if (skd_bone_set_has(chosen, list[k]) || (locked && locked[list[k]]))
+            continue;
+        while (slot < subject->batch->slot_count && joints[slot] != SKD_SLOT_EMPTY)
+            slot++;
+        if (slot == subject->batch->slot_count)
+            return;
+        joints[slot] = list[k];
+    }
+}
+
+/* Lays chosen bones out: each in the slot that it had, new ones in what is free. Weights are
+ * rounded as the solver rounds. */
 static void lay_row(const struct skd_bone_set *chosen, const struct skd_subject *subject,
-                    const uint16_t *list, uint16_t *joints, float *weights)
+                    uint16_t *joints, float *weights)
 {
     static const double none[SKD_SLOT_COUNT_MAX];
     const int n = subject->batch->slot_count;
@@ -209,19 +226,6 @@ static void lay_row(const struct skd_bone_set *chosen, const struct skd_subject 
     row_store(n, 1.0, open, none, w);
     for (int i = 0; i < n; i++)
         weights[i] = (float)w[i];
-    for (int i = 0, k = 0; i < n; i++) {
-        if (joints[i] != SKD_SLOT_EMPTY)
-            continue;
-        while (k < SKD_CANDIDATES_MAX && list[k] != SKD_SLOT_EMPTY &&
-               (skd_bone_set_has(chosen, list[k]) || (locked && locked[list[k]])))
-            k++;
-        if (k < SKD_CANDIDATES_MAX)
-            joints[i] = list[k++];
-        else
-            break;
-        if (joints[i] == SKD_SLOT_EMPTY)
-            break;
-    }
 }
 
 /* skd_solve for one vertex whose row is not the batch's; into the batch's outputs. */
@@ -229,7 +233,6 @@ static void solve_row(const struct skd_subject *subject, const uint16_t *joints,
 {
     const struct skd_solve_batch *batch = subject->batch;
     const size_t item = subject->item, n = (size_t)batch->slot_count;
-    const size_t first = n * subject->vertex;
     const uint32_t only = 0;
     struct skd_solve_pose poses[SKD_EVIDENCE_POSES_MAX];
     float anchor[SKD_SLOT_COUNT_MAX], solved[SKD_SLOT_COUNT_MAX], before;
@@ -250,8 +253,8 @@ static void solve_row(const struct skd_subject *subject, const uint16_t *joints,
     one.weights = weights;
     one.anchor = anchor;
     one.vertex_locked = NULL;
-    one.start_joints = (batch->start_joints ? batch->start_joints : batch->joints) + first;
-    one.start_weights = (batch->start_weights ? batch->start_weights : batch->anchor) + first;
+    one.start_joints = subject->start_joints;
+    one.start_weights = subject->start_weights;
     one.weights_out = solved;
     one.residual_before = &before;
     one.residual_after += item;
@@ -289,14 +292,11 @@ static bool is_out_of_reach(struct skd_subject *subject)
 /* How far the start's weights are from the targets. */
 static double edit_size(struct skd_subject *subject)
 {
-    const struct skd_solve_batch *batch = subject->batch;
-    const uint16_t *joints = batch->start_joints ? batch->start_joints : batch->joints;
-    const size_t first = (size_t)batch->slot_count * subject->vertex;
     struct skd_bone_set start = {.count = 0};
-    for (size_t slot = first; slot < first + (size_t)batch->slot_count; slot++) {
-        if (joints[slot] != SKD_SLOT_EMPTY)
-            skd_bone_set_add(&start, subject, joints[slot],
-                             skd_subject_anchor(subject, joints[slot]), 0.0);
+    for (int slot = 0; slot < subject->batch->slot_count; slot++) {
+        if (subject->start_joints[slot] != SKD_SLOT_EMPTY)
+            skd_bone_set_add(&start, subject, subject->start_joints[slot],
+                             (double)subject->start_weights[slot], 0.0);
     }
     return skd_bone_set_show(&start, subject);
 }
@@ -367,7 +367,8 @@ void skd_evidence_solve(const struct skd_solve_batch *batch,
         skd_subject_read(batch, options, item, &subject);
         if (!find_slots(&subject, bones, weights, &choice))
             continue;
-        lay_row(&choice.set, &subject, bones->lists + SKD_CANDIDATES_MAX * item, joints, weights);
+        lay_row(&choice.set, &subject, joints, weights);
+        offer_next(&choice.set, &subject, bones->lists + SKD_CANDIDATES_MAX * item, joints);
         solve_row(&subject, joints, weights);
     }
 }

@@ -90,9 +90,6 @@ static void move_weights(struct skd_subject *subject, struct state *state)
 static double guard_energy(const struct skd_subject *subject, const struct state *state)
 {
     const struct skd_solve_batch *batch = subject->batch;
-    const uint16_t *joints = batch->start_joints ? batch->start_joints : batch->joints;
-    const float *weights = batch->start_weights ? batch->start_weights : batch->anchor;
-    const size_t n = (size_t)batch->slot_count, first = n * subject->vertex;
     uint16_t bones[2 * SKD_SLOT_COUNT_MAX];
     double z[2 * SKD_SLOT_COUNT_MAX], sum = 0.0;
     int count = 0;
@@ -100,11 +97,11 @@ static double guard_energy(const struct skd_subject *subject, const struct state
         bones[count] = state->set.bones[i];
         z[count++] = state->set.weights[i];
     }
-    for (size_t slot = first; slot < first + n; slot++) {
-        if (joints[slot] == SKD_SLOT_EMPTY)
+    for (int slot = 0; slot < batch->slot_count; slot++) {
+        if (subject->start_joints[slot] == SKD_SLOT_EMPTY)
             continue;
-        bones[count] = joints[slot];
-        z[count++] = -(double)weights[slot];
+        bones[count] = subject->start_joints[slot];
+        z[count++] = -(double)subject->start_weights[slot];
     }
     for (int i = 0; i < count; i++) {
         for (int j = 0; j < i; j++)
@@ -117,8 +114,8 @@ static double guard_energy(const struct skd_subject *subject, const struct state
 static double energy_of(struct skd_subject *subject, const double origin[3],
                         const struct state *state)
 {
-    const double kappa = subject->options->stiffness, length = subject->options->length;
-    const double square = kappa * kappa > 1e-12 ? kappa * kappa : 1e-12;
+    const double length = subject->options->length;
+    const double ridge = length * length * row_kappa_square(subject->options->stiffness);
     double drawn = 0.0, moved = 0.0;
     memcpy(subject->rest, state->rest, sizeof subject->rest);
     const double left = skd_bone_set_show(&state->set, subject);
@@ -129,8 +126,8 @@ static double energy_of(struct skd_subject *subject, const double origin[3],
     for (int axis = 0; axis < 3; axis++)
         moved += (state->rest[axis] - origin[axis]) * (state->rest[axis] - origin[axis]);
     const double guarded = subject->batch->guard ? guard_energy(subject, state) : 0.0;
-    return subject->strength * (left * left + ridge_root * ridge_root * moved) +
-           square * length * length * drawn + guarded;
+    return subject->strength * (left * left + ridge_root * ridge_root * moved) + ridge * drawn +
+           guarded;
 }
 
 /* Whether some weight does next to nothing that an offset could not do as well: the stacked edge

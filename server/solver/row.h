@@ -53,6 +53,13 @@ struct skd_plan {
                        further terms or a centre of its own */
 };
 
+/* kappa^2, but no less than what makes every problem well posed in float64. */
+SKD_ROW double row_kappa_square(double kappa)
+{
+    const double least = 1e-12, square = kappa * kappa;
+    return square > least ? square : least;
+}
+
 /* d = M [v; 1] */
 SKD_ROW void row_carry(const double *matrix, const double v[3], double d[3])
 {

@@ -10,9 +10,6 @@
 #include "solver/row_choice.h"
 #include "solver/thesis.h"
 
-/* Below this kappa^2 the anchor no longer makes every problem well posed in float64. */
-static const double ridge_least = 1e-12;
-
 struct skd_solve_options skd_solve_defaults(void)
 {
     const struct skd_solve_options options = {
@@ -106,8 +103,7 @@ static void tell_leftover(const struct skd_solve_batch *batch, size_t item)
 static struct skd_plan make_plan(const struct skd_solve_batch *batch,
                                  const struct skd_solve_options *options)
 {
-    const double kappa_square = options->stiffness * options->stiffness;
-    const double anchor = kappa_square > ridge_least ? kappa_square : ridge_least;
+    const double anchor = row_kappa_square(options->stiffness);
     const double pull = batch->pulls ? options->smooth * options->smooth : 0.0;
     const struct skd_plan plan = {
         .ridge = options->length * options->length * (anchor + pull),
