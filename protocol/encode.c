@@ -7,6 +7,7 @@
 #include "protocol/encode.h"
 
 #include "protocol/errors.h"
+#include "protocol/json_memory.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -295,6 +296,10 @@ static enum skd_status encode(enum skd_wire_mode mode, const struct envelope *me
     size_t tail_bytes = 0;
     SKD_ASSERT(array_count >= 0 && array_count <= SKD_ARRAYS_MAX);
     *encoded = (struct skd_encoded){0};
+    if (skd_json_memory_ran_out()) { /* the body may lack members */
+        cJSON_Delete(body);
+        return skd_fail_memory(error, "an answer");
+    }
     cJSON *envelope = make_envelope(members);
     if (body == NULL)
         body = cJSON_CreateObject();
@@ -310,8 +315,10 @@ static enum skd_status encode(enum skd_wire_mode mode, const struct envelope *me
         status = mode == SKD_WIRE_FRAMES ? make_frame_head(envelope, tail_bytes, encoded, error)
                                          : make_line(envelope, encoded, error);
     cJSON_Delete(envelope);
-    if (status != SKD_OK)
+    if (status != SKD_OK) {
         *encoded = (struct skd_encoded){0};
+        (void)skd_json_memory_ran_out(); /* told by the status */
+    }
     return status;
 }
 
@@ -368,6 +375,7 @@ enum skd_status skd_encode_error(enum skd_wire_mode mode, const struct skd_reque
                                  struct skd_error *error)
 {
     struct envelope members = {.id = id, .body_name = "error"};
+    (void)skd_json_memory_ran_out(); /* what could not be answered whole is told by this error */
     cJSON *body = make_error(failure);
     *encoded = (struct skd_encoded){0};
     if (body == NULL)

@@ -38,7 +38,8 @@ void skd_encoded_finish(struct skd_encoded *encoded);
 
 /* The three shapes of a message. `body` (result or params, an object, may be NULL for {}) is taken
  * over, also on failure; arrays are added to it under their names. SKD_WIRE_UNKNOWN counts as
- * lines. Errors: SKD_NO_MEMORY; SKD_TOO_LARGE when a frame or its JSON part would pass its limit,
+ * lines. Errors: SKD_NO_MEMORY, also when the body was built in this thread and lacks a member for
+ * lack of it (json_memory.h); SKD_TOO_LARGE when a frame or its JSON part would pass its limit,
  * or a line that of a frame (SKD_LINE_BYTES_MAX holds for what the daemon reads, not for answers).
  */
 SKD_MUST_CHECK enum skd_status skd_encode_answer(enum skd_wire_mode mode,

@@ -37,6 +37,23 @@ void skd_reader_finish(struct skd_frame_reader *reader)
     *reader = (struct skd_frame_reader){0};
 }
 
+void skd_reader_limit(struct skd_frame_reader *reader, size_t bytes)
+{
+    reader->bytes_max = bytes;
+}
+
+size_t skd_reader_announced(const struct skd_frame_reader *reader)
+{
+    return reader->mode == SKD_WIRE_FRAMES && reader->block != NULL ? reader->wanted : 0;
+}
+
+/* Bytes that a line may have, its newline included. */
+static size_t line_bytes_max(const struct skd_frame_reader *reader)
+{
+    return reader->bytes_max > 0 && reader->bytes_max < SKD_LINE_BYTES_MAX ? reader->bytes_max
+                                                                           : SKD_LINE_BYTES_MAX;
+}
+
 size_t skd_frame_tail_offset(uint32_t json_bytes)
 {
     return (SKD_FRAME_HEADER_BYTES + (size_t)json_bytes + 7) & ~(size_t)7;
@@ -69,8 +86,8 @@ static enum skd_status make_line_space(struct skd_frame_reader *reader, struct s
     if (reader->used < reader->wanted)
         return SKD_OK;
     size_t wanted = reader->wanted == 0 ? LINE_BYTES_FIRST : 2 * reader->wanted;
-    if (wanted > SKD_LINE_BYTES_MAX)
-        wanted = SKD_LINE_BYTES_MAX;
+    if (wanted > line_bytes_max(reader))
+        wanted = line_bytes_max(reader);
     unsigned char *block = realloc(reader->block, wanted);
     if (block == NULL)
         return skd_fail_memory(error, "a line");
@@ -114,10 +131,11 @@ static bool find_newline(struct skd_frame_reader *reader)
 
 static enum skd_status advance_line(struct skd_frame_reader *reader, struct skd_error *error)
 {
-    if (!find_newline(reader) && reader->used - reader->start >= SKD_LINE_BYTES_MAX)
-        return skd_fail(error, SKD_TOO_LARGE,
-                        "a line has more than %u bytes; send frames for large messages",
-                        SKD_LINE_BYTES_MAX);
+    const size_t most = line_bytes_max(reader);
+    if (!find_newline(reader) && reader->used - reader->start >= most)
+        return skd_fail(error, SKD_TOO_LARGE, "a line has more than %zu bytes; %s", most,
+                        most < SKD_LINE_BYTES_MAX ? "send hello first"
+                                                  : "send frames for large messages");
     return SKD_OK;
 }
 
@@ -157,6 +175,10 @@ static enum skd_status begin_frame(struct skd_frame_reader *reader, struct skd_e
                         (unsigned long long)reader->tail_bytes,
                         (unsigned long long)SKD_FRAME_BYTES_MAX);
     size_t wanted = tail_offset + (size_t)reader->tail_bytes;
+    if (reader->bytes_max > 0 && wanted > reader->bytes_max)
+        return skd_fail(error, SKD_TOO_LARGE,
+                        "a frame announces %zu bytes, and before hello the limit is %zu", wanted,
+                        reader->bytes_max);
     unsigned char *block = malloc(wanted);
     if (block == NULL)
         return skd_fail_memory(error, "a frame");
@@ -235,6 +257,6 @@ bool skd_reader_take(struct skd_frame_reader *reader, struct skd_frame *frame)
                                         : reader->block + skd_frame_tail_offset(reader->json_bytes),
         .tail_bytes = (size_t)reader->tail_bytes,
     };
-    *reader = (struct skd_frame_reader){.mode = SKD_WIRE_FRAMES};
+    *reader = (struct skd_frame_reader){.mode = SKD_WIRE_FRAMES, .bytes_max = reader->bytes_max};
     return true;
 }

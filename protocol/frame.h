@@ -44,12 +44,20 @@ struct skd_frame_reader {
     size_t wanted;                              /* bytes of the whole frame; line mode: allocated */
     size_t start;                               /* line mode: bytes of lines that were taken */
     size_t scanned;                             /* line mode: bytes known to hold no newline */
+    size_t bytes_max;                           /* of a message; 0: what the protocol allows */
     uint32_t json_bytes;
     uint64_t tail_bytes;
 };
 
 void skd_reader_init(struct skd_frame_reader *reader);
 void skd_reader_finish(struct skd_frame_reader *reader);
+
+/* Refuses messages of more than `bytes` from the next one on, header or newline included; 0: what
+ * the protocol allows. */
+void skd_reader_limit(struct skd_frame_reader *reader, size_t bytes);
+
+/* Bytes of the frame that is coming in, once its header is whole; 0 before that, and for lines. */
+size_t skd_reader_announced(const struct skd_frame_reader *reader);
 
 /* Where the next bytes go, at least one. Errors: SKD_NO_MEMORY, also when a line that came could
  * not be taken for lack of it; the stream cannot be followed after an error. */

@@ -3,11 +3,19 @@
 #ifndef SKD_PROTOCOL_LIMITS_H
 #define SKD_PROTOCOL_LIMITS_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #define SKD_FRAME_BYTES_MAX (UINT64_C(512) << 20) /* header, JSON, padding and tail */
 #define SKD_JSON_BYTES_MAX (UINT32_C(4) << 20)    /* the JSON part of a frame */
 #define SKD_LINE_BYTES_MAX (UINT32_C(1) << 20)    /* one line, newline included, in line mode */
+#define SKD_HELLO_BYTES_MAX (UINT32_C(64) << 10)  /* a message before hello was answered */
+
+#define SKD_HISTORY_BYTES_LEAST (UINT64_C(1) << 20) /* that a session may be told to keep */
+#define SKD_HISTORY_BYTES_LIMIT (UINT64_C(16) << 30)
+#define SKD_HISTORY_BYTES_USUAL (UINT64_C(512) << 20)
+
+#define SKD_REMEMBERED_BYTES_MAX ((size_t)16 << 20) /* answers to give again, of a session */
 
 #define SKD_STIFFNESS_MAX 10.0    /* kappa */
 #define SKD_GUARD_MAX 1000.0      /* lambda */
@@ -23,6 +31,11 @@ enum {
     SKD_SESSION_NAME_BYTES_MAX = 64,
     SKD_POSE_NAME_BYTES_MAX = 64,
     SKD_CLIENT_NAME_BYTES_MAX = 64,
+    SKD_CLIENT_ID_BYTES_MAX = 64,
+    SKD_USER_BYTES_MAX = 64,
+    SKD_TOKEN_DIGITS = 64,           /* hexadecimal: 256 bits */
+    SKD_REMEMBERED_ANSWERS_MAX = 64, /* of one client in one session */
+    SKD_REMEMBERED_CLIENTS_MAX = 64, /* in one session */
     SKD_PATH_BYTES_MAX = 4096,
     SKD_SESSIONS_MAX = 64,      /* open at once in a daemon */
     SKD_POSES_MAX = 1024,       /* of one session */

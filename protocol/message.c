@@ -3,6 +3,7 @@
 #include "protocol/message.h"
 
 #include "protocol/json_check.h"
+#include "protocol/json_memory.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -202,8 +203,10 @@ enum skd_status skd_message_parse(struct skd_frame *frame, struct skd_message *m
         return status;
     /* cJSON notes the place of an error in a global, which threads write and nobody reads. */
     message->json = cJSON_ParseWithLengthOpts(json, bytes, NULL, false);
-    if (message->json == NULL)
+    if (message->json == NULL) {
+        (void)skd_json_memory_ran_out(); /* told by the status */
         return skd_fail_memory(error, "a message's JSON");
+    }
     if (!cJSON_IsObject(message->json))
         return skd_fail(error, SKD_BAD_REQUEST, "a message is one JSON object");
     status = read_members(message, error);

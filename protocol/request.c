@@ -15,6 +15,8 @@
 
 enum { QUOTED_BYTES = 80 };
 
+#define SKD_SEQUENCE_MAX 9007199254740992.0 /* 2^53 */
+
 _Static_assert(sizeof(enum skd_reduce) == sizeof(int), "read as a word");
 
 /* Offsets count from the union, where each params struct begins. */
@@ -55,6 +57,13 @@ _Static_assert(sizeof(enum skd_reduce) == sizeof(int), "read as a word");
         .name = NULL                                                                               \
     }
 
+#define HISTORY_BYTES(type)                                                                        \
+    {                                                                                              \
+        .name = "history_bytes", .kind = SKD_FIELD_COUNTER,                                        \
+        .low = (double)SKD_HISTORY_BYTES_LEAST, .high = (double)SKD_HISTORY_BYTES_LIMIT,           \
+        AT(type, history_bytes)                                                                    \
+    }
+
 static const struct skd_field no_fields[] = {END};
 
 static const struct skd_field protocol_fields[] = {
@@ -82,12 +91,23 @@ static const struct skd_field client_fields[] = {
      .kind = SKD_FIELD_TEXT,
      .high = SKD_CLIENT_NAME_BYTES_MAX,
      AT(hello, client_version)},
+    {.name = "id",
+     .kind = SKD_FIELD_SESSION,
+     .low = 1,
+     .high = SKD_CLIENT_ID_BYTES_MAX,
+     AT(hello, client_id)},
+    {.name = "user", .kind = SKD_FIELD_TEXT, .high = SKD_USER_BYTES_MAX, AT(hello, client_user)},
     END,
 };
 
 static const struct skd_field hello_fields[] = {
     {.name = "protocol", .kind = SKD_FIELD_OBJECT, .is_required = true, .members = protocol_fields},
     {.name = "client", .kind = SKD_FIELD_OBJECT, .members = client_fields},
+    {.name = "token",
+     .kind = SKD_FIELD_TEXT,
+     .low = SKD_TOKEN_DIGITS,
+     .high = SKD_TOKEN_DIGITS,
+     AT(hello, token)},
     END,
 };
 
@@ -125,6 +145,8 @@ static const struct skd_field session_create_fields[] = {
      AT(session_create, influences)},
     WORD(session_create, "fill", fill, skd_fill_words, 2),
     WORD(session_create, "reduce", reduce, skd_reduce_words, SKD_REDUCE_REFUSE),
+    WORD(session_create, "durability", durability, skd_durability_words, 0),
+    HISTORY_BYTES(session_create),
     ARRAY(session_create, "positions", positions, SKD_F32, 3),
     ARRAY(session_create, "triangles", triangles, SKD_U32, 3),
     {.name = "bones", .kind = SKD_FIELD_OBJECT, .members = bone_fields},
@@ -143,6 +165,72 @@ static const struct skd_field attach_fields[] = {
      .high = 9007199254740992.0,
      AT(session, revision),
      GIVEN(session, has_revision)},
+    {.name = "instance",
+     .kind = SKD_FIELD_TEXT,
+     .high = SKD_CLIENT_ID_BYTES_MAX,
+     AT(session, instance)},
+    END,
+};
+
+/* What a member is called for which a session's file, or what becomes of it, is told. */
+#define KEEP_SESSION(required)                                                                     \
+    {                                                                                              \
+        .name = "session", .kind = SKD_FIELD_SESSION, .is_required = required, .low = 1,           \
+        .high = SKD_SESSION_NAME_BYTES_MAX, AT(session_keep, session)                              \
+    }
+#define KEEP_PATH(required)                                                                        \
+    {                                                                                              \
+        .name = "path", .kind = SKD_FIELD_PATH, .is_required = required, .low = 1,                 \
+        .high = SKD_PATH_BYTES_MAX, AT(session_keep, path)                                         \
+    }
+#define KEEP_NAME(wire, member, required)                                                          \
+    {                                                                                              \
+        .name = wire, .kind = SKD_FIELD_SESSION, .is_required = required, .low = 1,                \
+        .high = SKD_SESSION_NAME_BYTES_MAX, AT(session_keep, member)                               \
+    }
+static const struct skd_field session_set_fields[] = {
+    KEEP_SESSION(true),
+    WORD(session_keep, "durability", durability, skd_durability_words, -1),
+    HISTORY_BYTES(session_keep),
+    END,
+};
+
+static const struct skd_field session_save_fields[] = {KEEP_SESSION(true), KEEP_PATH(true), END};
+
+static const struct skd_field session_open_fields[] = {
+    KEEP_PATH(false),
+    KEEP_NAME("closed", closed, false),
+    KEEP_NAME("name", name, false),
+    END,
+};
+
+static const struct skd_field session_fork_fields[] = {
+    KEEP_SESSION(true),
+    KEEP_NAME("name", name, true),
+    END,
+};
+
+static const struct skd_field session_delete_fields[] = {KEEP_SESSION(true), END};
+
+static const struct skd_field session_verify_fields[] = {
+    KEEP_SESSION(false),
+    KEEP_PATH(false),
+    END,
+};
+
+static const struct skd_field session_claim_fields[] = {
+    SESSION(session_claim),
+    {.name = "bones",
+     .kind = SKD_FIELD_NAMES,
+     AT(session_claim, bones),
+     .count_offset = offsetof(struct skd_session_claim_params, bone_count)},
+    ARRAY(session_claim, "vertices", vertices, SKD_U32, 0),
+    END,
+};
+
+static const struct skd_field history_fields[] = {
+    SESSION(session),
+    {.name = "own", .kind = SKD_FIELD_FLAG, AT(session, own)},
     END,
 };
 
@@ -179,15 +267,15 @@ static const struct skd_field pose_set_fields[] = {
 };
 
 static const struct skd_field pose_evaluate_fields[] = {
-    SESSION(pose_evaluate),
-    POSE(pose_evaluate),
-    VERTICES(pose_evaluate),
+    SESSION(shown),
+    POSE(shown),
+    VERTICES(shown),
     END,
 };
 
 static const struct skd_field weights_get_fields[] = {
-    SESSION(weights_get),
-    VERTICES(weights_get),
+    SESSION(shown),
+    VERTICES(shown),
     END,
 };
 
@@ -389,6 +477,13 @@ static const struct {
     [SKD_REQUEST_SESSION_DETACH] = {session_fields, NULL},
     [SKD_REQUEST_SESSION_CLOSE] = {session_fields, NULL},
     [SKD_REQUEST_SESSION_EXPORT] = {export_fields, NULL},
+    [SKD_REQUEST_SESSION_SET] = {session_set_fields, NULL},
+    [SKD_REQUEST_SESSION_SAVE] = {session_save_fields, skd_check_session_save},
+    [SKD_REQUEST_SESSION_OPEN] = {session_open_fields, skd_check_session_open},
+    [SKD_REQUEST_SESSION_FORK] = {session_fork_fields, NULL},
+    [SKD_REQUEST_SESSION_DELETE] = {session_delete_fields, NULL},
+    [SKD_REQUEST_SESSION_VERIFY] = {session_verify_fields, skd_check_session_verify},
+    [SKD_REQUEST_SESSION_CLAIM] = {session_claim_fields, NULL},
     [SKD_REQUEST_MESH_GET] = {session_fields, NULL},
     [SKD_REQUEST_POSE_SET] = {pose_set_fields, skd_check_pose_set},
     [SKD_REQUEST_POSE_EVALUATE] = {pose_evaluate_fields, NULL},
@@ -408,11 +503,45 @@ static const struct {
     [SKD_REQUEST_WEIGHTS_MIRROR] = {weights_mirror_fields, NULL},
     [SKD_REQUEST_WEIGHTS_PRUNE] = {weights_prune_fields, NULL},
     [SKD_REQUEST_WEIGHTS_REDUCE] = {weights_reduce_fields, skd_check_weights_reduce},
-    [SKD_REQUEST_HISTORY_UNDO] = {session_fields, NULL},
-    [SKD_REQUEST_HISTORY_REDO] = {session_fields, NULL},
+    [SKD_REQUEST_HISTORY_UNDO] = {history_fields, NULL},
+    [SKD_REQUEST_HISTORY_REDO] = {history_fields, NULL},
     [SKD_REQUEST_STATS] = {no_fields, NULL},
     [SKD_REQUEST_SHUTDOWN] = {no_fields, NULL},
 };
+
+/* Whether a request changes a session by a step, and so may have a number of its own. */
+static bool has_sequence(enum skd_request_method method)
+{
+    switch (method) {
+    case SKD_REQUEST_STROKE_APPLY:
+    case SKD_REQUEST_PINS_SOLVE:
+    case SKD_REQUEST_SESSION_REFIT:
+    case SKD_REQUEST_WEIGHTS_SET:
+    case SKD_REQUEST_WEIGHTS_MIRROR:
+    case SKD_REQUEST_WEIGHTS_PRUNE:
+    case SKD_REQUEST_WEIGHTS_REDUCE:
+    case SKD_REQUEST_PINS_WEIGH:
+    case SKD_REQUEST_PINS_CLEAR:
+    case SKD_REQUEST_HISTORY_UNDO:
+    case SKD_REQUEST_HISTORY_REDO:
+        return true;
+    default:
+        return false;
+    }
+}
+
+static enum skd_status read_sequence(struct skd_request *request, struct skd_error *error)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(request->message.params, "sequence");
+    if (item == NULL || !has_sequence(request->method))
+        return SKD_OK;
+    double number = cJSON_IsNumber(item) ? item->valuedouble : 0;
+    if (!(number >= 1 && number <= SKD_SEQUENCE_MAX) || number != floor(number))
+        return skd_fail(error, SKD_BAD_PARAMS, "%s: sequence must be a whole number from 1 to 2^53",
+                        request->message.method);
+    request->sequence = (uint64_t)number;
+    return SKD_OK;
+}
 
 static enum skd_status find_method(struct skd_request *request, struct skd_error *error)
 {
@@ -443,8 +572,10 @@ enum skd_status skd_request_decode(struct skd_frame *frame, struct skd_request *
                         is_notification ? "%s: the id is missing; every request gets an answer"
                                         : "%s is a notification; leave its id out",
                         request->message.method);
-    status =
-        skd_fields_read(request, request->message.params, methods[request->method].fields, error);
+    status = read_sequence(request, error);
+    if (status == SKD_OK)
+        status = skd_fields_read(request, request->message.params, methods[request->method].fields,
+                                 error);
     if (status == SKD_OK && methods[request->method].check != NULL)
         status = methods[request->method].check(request, error);
     return status;

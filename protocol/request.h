@@ -13,6 +13,9 @@
 struct skd_hello_params {
     const char *client_name; /* "" when not said */
     const char *client_version;
+    const char *client_id;   /* what it goes by over reconnects; NULL: nothing */
+    const char *client_user; /* "" when not said */
+    const char *token;       /* SKD_TOKEN_DIGITS of them; NULL: none */
     int protocol_min;
     int protocol_max;
 };
@@ -27,6 +30,8 @@ struct skd_session_create_params {
     int influences;   /* 4 or 8 */
     int fill;         /* index into skd_fill_words */
     enum skd_reduce reduce;
+    int durability;             /* index into skd_durability_words */
+    uint64_t history_bytes;     /* for undo; 0: the usual */
     struct skd_array positions; /* f32 [V,3] */
     struct skd_array triangles; /* u32 [T,3] */
     const char **bone_names;    /* [bone_name_count], owned by the request; may be NULL */
@@ -44,6 +49,26 @@ struct skd_session_params {
     const char *path;  /* session.export: absolute */
     bool has_revision; /* session.attach */
     uint64_t revision;
+    const char *instance; /* session.attach: that the revision is of; NULL: not said */
+    bool own;             /* history.undo, history.redo */
+};
+
+/* session.set, save, open, fork, delete, verify: what a method does not take, or was not given, is
+ * NULL, -1 and 0. */
+struct skd_session_keep_params {
+    const char *session;
+    const char *path;   /* absolute */
+    const char *closed; /* session.open: the name of a closed session */
+    const char *name;   /* that a new session is to have */
+    int durability;     /* index into skd_durability_words */
+    uint64_t history_bytes;
+};
+
+struct skd_session_claim_params {
+    const char *session;
+    const char **bones; /* names, owned by the request */
+    size_t bone_count;
+    struct skd_array vertices; /* u32 */
 };
 
 struct skd_pose_set_params {
@@ -56,16 +81,11 @@ struct skd_pose_set_params {
     struct skd_array matrices; /* f64 [B,16] */
 };
 
-struct skd_pose_evaluate_params {
+/* pose.evaluate, weights.get. */
+struct skd_shown_params {
     const char *session;
-    const char *pose;
+    const char *pose;          /* pose.evaluate */
     struct skd_array vertices; /* u32; empty and vertices_given false: all */
-    bool vertices_given;
-};
-
-struct skd_weights_get_params {
-    const char *session;
-    struct skd_array vertices;
     bool vertices_given;
 };
 
@@ -149,14 +169,16 @@ struct skd_weights_edit_params {
 struct skd_request {
     enum skd_request_method method;
     struct skd_message message; /* owned */
+    uint64_t sequence; /* of what changes a session, by client; 0: it is not to be remembered */
     union {
         struct skd_hello_params hello;
         struct skd_cancel_params cancel;
         struct skd_session_create_params session_create;
         struct skd_session_params session;
+        struct skd_session_keep_params session_keep;
+        struct skd_session_claim_params session_claim;
         struct skd_pose_set_params pose_set;
-        struct skd_pose_evaluate_params pose_evaluate;
-        struct skd_weights_get_params weights_get;
+        struct skd_shown_params shown;
         struct skd_weights_set_params weights_set;
         struct skd_stroke_params stroke;
         struct skd_pins_params pins;

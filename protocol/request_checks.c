@@ -9,6 +9,8 @@ enum skd_status skd_check_hello(struct skd_request *request, struct skd_error *e
     struct skd_hello_params *hello = &request->params.hello;
     if (hello->client_name == NULL)
         hello->client_name = "";
+    if (hello->client_user == NULL)
+        hello->client_user = "";
     if (hello->client_version == NULL)
         hello->client_version = "";
     if (hello->protocol_min > hello->protocol_max)
@@ -76,6 +78,38 @@ enum skd_status skd_check_session_create(struct skd_request *request, struct skd
         return skd_fail(error, SKD_BAD_PARAMS,
                         "session.create: there is a file and there are arrays; give one of them");
     return SKD_OK;
+}
+
+enum skd_status skd_check_session_save(struct skd_request *request, struct skd_error *error)
+{
+    static const char ending[] = ".skind";
+    const char *path = request->params.session_keep.path;
+    size_t length = strlen(path), tail = sizeof ending - 1;
+    if (length <= tail || strcmp(path + length - tail, ending) != 0)
+        return skd_fail(error, SKD_BAD_PARAMS,
+                        "session.save: the path must end in .skind, as a saved session's does");
+    return SKD_OK;
+}
+
+/* Exactly one of two members. */
+static enum skd_status need_one(const struct skd_request *request, const char *a, const char *b,
+                                const char *names, struct skd_error *error)
+{
+    if ((a != NULL) != (b != NULL))
+        return SKD_OK;
+    return skd_fail(error, SKD_BAD_PARAMS, "%s: give either %s", request->message.method, names);
+}
+
+enum skd_status skd_check_session_open(struct skd_request *request, struct skd_error *error)
+{
+    const struct skd_session_keep_params *params = &request->params.session_keep;
+    return need_one(request, params->path, params->closed, "path or closed", error);
+}
+
+enum skd_status skd_check_session_verify(struct skd_request *request, struct skd_error *error)
+{
+    const struct skd_session_keep_params *params = &request->params.session_keep;
+    return need_one(request, params->session, params->path, "session or path", error);
 }
 
 enum skd_status skd_check_pose_set(struct skd_request *request, struct skd_error *error)

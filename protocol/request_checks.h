@@ -18,6 +18,12 @@ SKD_MUST_CHECK enum skd_status skd_check_hello(struct skd_request *request,
                                                struct skd_error *error);
 SKD_MUST_CHECK enum skd_status skd_check_session_create(struct skd_request *request,
                                                         struct skd_error *error);
+SKD_MUST_CHECK enum skd_status skd_check_session_save(struct skd_request *request,
+                                                      struct skd_error *error);
+SKD_MUST_CHECK enum skd_status skd_check_session_open(struct skd_request *request,
+                                                      struct skd_error *error);
+SKD_MUST_CHECK enum skd_status skd_check_session_verify(struct skd_request *request,
+                                                        struct skd_error *error);
 SKD_MUST_CHECK enum skd_status skd_check_pose_set(struct skd_request *request,
                                                   struct skd_error *error);
 SKD_MUST_CHECK enum skd_status skd_check_stroke(struct skd_request *request,

@@ -63,7 +63,7 @@ static enum skd_status read_session(const struct reading *reading, const struct 
     const char *name = item->valuestring;
     if (name[0] == '.' || name[strspn(name, allowed)] != '\0')
         return skd_fail(reading->error, SKD_BAD_PARAMS,
-                        "%s: %s is \"%.*s\"; a session's name is made of letters, digits, '.', "
+                        "%s: %s is \"%.*s\"; it is made of letters, digits, '.', "
                         "'_' and '-', and does not begin with '.'",
                         reading->method, field->name, skd_utf8_quote(name, QUOTED_BYTES), name);
     return SKD_OK;

@@ -13,6 +13,7 @@ const char *const skd_pin_words[] = {"set", "move", "none", NULL};
 const char *const skd_slots_words[] = {"keep", "evidence", NULL};
 const char *const skd_residual_words[] = {"report", "rest", "shape", NULL};
 const char *const skd_reduce_by_words[] = {"poses", "size", NULL};
+const char *const skd_durability_words[] = {"full", "second", "off", NULL};
 const char *const skd_axis_words[] = {"x", "y", "z", NULL};
 const char *const skd_side_words[] = {"+", "-", NULL};
 

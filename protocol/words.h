@@ -17,6 +17,13 @@
     X(SESSION_DETACH, "session.detach")                                                            \
     X(SESSION_CLOSE, "session.close")                                                              \
     X(SESSION_EXPORT, "session.export")                                                            \
+    X(SESSION_SET, "session.set")                                                                  \
+    X(SESSION_SAVE, "session.save")                                                                \
+    X(SESSION_OPEN, "session.open")                                                                \
+    X(SESSION_FORK, "session.fork")                                                                \
+    X(SESSION_DELETE, "session.delete")                                                            \
+    X(SESSION_VERIFY, "session.verify")                                                            \
+    X(SESSION_CLAIM, "session.claim")                                                              \
     X(MESH_GET, "mesh.get")                                                                        \
     X(POSE_SET, "pose.set")                                                                        \
     X(POSE_EVALUATE, "pose.evaluate")                                                              \
@@ -59,6 +66,7 @@ extern const char *const skd_pin_words[];        /* "set", "move", "none", NULL 
 extern const char *const skd_slots_words[];      /* "keep", "evidence", NULL */
 extern const char *const skd_residual_words[];   /* "report", "rest", "shape", NULL */
 extern const char *const skd_axis_words[];       /* "x", "y", "z", NULL */
+extern const char *const skd_durability_words[]; /* "full", "second", "off", NULL */
 extern const char *const skd_side_words[];       /* "+", "-", NULL */
 
 /* Words whose numbers are these. */

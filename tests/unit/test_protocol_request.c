@@ -1,37 +1,8 @@
 /* Requests as values: each method's parameters, defaults, limits and sentences; arrays from
  * buffers and from plain JSON. */
-#include "protocol_helpers.h"
-
-#include "protocol/request.h"
+#include "request_helpers.h"
 
 #include <math.h>
-#include <stdio.h>
-
-/* Decodes a request for `method`; `members` go behind the params ("" or ",\"buffers\":..."). */
-static enum skd_status decode_with(struct skd_request *request, struct skd_error *error,
-                                   const char *method, const char *params, const char *members,
-                                   const void *tail, size_t tail_bytes)
-{
-    const char *id = strcmp(method, "cancel") == 0 ? "" : "\"id\":7,";
-    size_t bytes = strlen(params) + strlen(members) + strlen(method) + 80;
-    char *json = malloc(bytes);
-    assert_non_null(json);
-    (void)snprintf(json, bytes, "{\"jsonrpc\":\"2.0\",%s\"method\":\"%s\",\"params\":%s%s}", id,
-                   method, params, members);
-    struct skd_frame frame = frame_of(json, strlen(json), tail, tail_bytes);
-    free(json);
-    *error = (struct skd_error){0};
-    return skd_request_decode(&frame, request, error);
-}
-
-static enum skd_status decode(struct skd_request *request, const char *method, const char *params)
-{
-    struct skd_error error;
-    enum skd_status status = decode_with(request, &error, method, params, "", NULL, 0);
-    if (status != SKD_OK)
-        print_message("%s\n", error.text);
-    return status;
-}
 
 static void test_names_are_all_known(void **state)
 {
@@ -264,12 +235,7 @@ static void test_refit(void **state)
 #define SET "\"session\":\"a\",\"vertices\":[1],\"weights\":[[1,0,0,0]]"
 
 /* What is refused, with which code, and words that the sentence must hold. */
-static const struct {
-    const char *method;
-    const char *params;
-    enum skd_status status;
-    const char *words;
-} refused[] = {
+static const struct refusal refused[] = {
     {"nosuch", "{}", SKD_UNKNOWN_METHOD, "\"nosuch\""},
     {"Ping", "{}", SKD_UNKNOWN_METHOD, "\"Ping\""},
     {"hello", "{}", SKD_BAD_PARAMS, "hello: protocol is missing"},
@@ -396,18 +362,7 @@ static const struct {
 static void test_what_is_refused(void **state)
 {
     (void)state;
-    for (size_t i = 0; i < sizeof refused / sizeof refused[0]; i++) {
-        struct skd_request request;
-        struct skd_error error;
-        enum skd_status status =
-            decode_with(&request, &error, refused[i].method, refused[i].params, "", NULL, 0);
-        if (status != refused[i].status || strstr(error.text, refused[i].words) == NULL)
-            fail_msg("%s %s: status %d, \"%s\"", refused[i].method, refused[i].params, status,
-                     error.text);
-        if (strcmp(refused[i].method, "cancel") != 0)
-            assert_true(request.message.id.kind == SKD_ID_NUMBER && request.message.id.number == 7);
-        skd_request_finish(&request);
-    }
+    check_refused(refused, sizeof refused / sizeof *refused);
 }
 
 /* Replaces `from` by `to` in RIG and decodes. */
@@ -563,7 +518,7 @@ static enum skd_status decode_vertices(const char *vertices)
     (void)snprintf(params, sizeof params, "{\"session\":\"a\",\"vertices\":%s}", vertices);
     enum skd_status status = decode_with(&request, &error, "weights.get", params, "", NULL, 0);
     if (status == SKD_OK)
-        assert_true(request.params.weights_get.vertices_given);
+        assert_true(request.params.shown.vertices_given);
     skd_request_finish(&request);
     return status;
 }
@@ -580,7 +535,7 @@ static void test_whole_numbers_as_json(void **state)
     assert_int_equal(decode_vertices("[null]"), SKD_BAD_PARAMS);
     struct skd_request request;
     assert_int_equal(decode(&request, "weights.get", "{\"session\":\"a\"}"), SKD_OK);
-    assert_false(request.params.weights_get.vertices_given);
+    assert_false(request.params.shown.vertices_given);
     skd_request_finish(&request);
 }
 
@@ -608,7 +563,7 @@ static void check_vertices(const char *index, const char *dtype, const char *sha
     assert_int_equal(decode_buffer("weights.get", params, dtype, shape, &request), expected);
     if (expected == SKD_OK) {
         /* No copy: the data lies in the frame's tail. */
-        assert_ptr_equal(request.params.weights_get.vertices.data, request.message.frame.tail);
+        assert_ptr_equal(request.params.shown.vertices.data, request.message.frame.tail);
         assert_int_equal(request.owned_count, 0);
     }
     skd_request_finish(&request);
@@ -676,25 +631,6 @@ static void test_buffers_of_slots(void **state)
     assert_int_equal(decode_set_buffer("[1,2,4]"), SKD_BAD_PARAMS);
 }
 
-/* A string that begins with `first`, one byte below, at and above its limit. */
-static void check_text_limit(const char *method, const char *before, char first, const char *after,
-                             size_t most)
-{
-    for (size_t bytes = most - 1; bytes <= most + 1; bytes++) {
-        struct skd_request request;
-        struct skd_error error;
-        char text[SKD_PATH_BYTES_MAX + 2];
-        char params[SKD_PATH_BYTES_MAX + 128];
-        memset(text, 'a', bytes);
-        text[0] = first;
-        text[bytes] = '\0';
-        (void)snprintf(params, sizeof params, "{%s\"%s\"%s}", before, text, after);
-        assert_int_equal(decode_with(&request, &error, method, params, "", NULL, 0),
-                         bytes <= most ? SKD_OK : SKD_BAD_PARAMS);
-        skd_request_finish(&request);
-    }
-}
-
 static void test_lengths_of_strings(void **state)
 {
     (void)state;
@@ -723,6 +659,8 @@ static void test_hello_and_cancel(void **state)
                      SKD_OK);
     assert_string_equal(request.params.hello.client_name, "Bl\xC3\xA9nder");
     assert_string_equal(request.params.hello.client_version, "3.4");
+    assert_string_equal(request.params.hello.client_user, "");
+    assert_true(request.params.hello.client_id == NULL && request.params.hello.token == NULL);
     skd_request_finish(&request);
     assert_int_equal(decode(&request, "cancel", "{\"id\":\"stroke 5\"}"), SKD_OK);
     assert_int_equal(request.message.id.kind, SKD_ID_NONE);
@@ -731,6 +669,7 @@ static void test_hello_and_cancel(void **state)
     assert_int_equal(decode(&request, "session.attach", "{\"session\":\"a\",\"revision\":12}"),
                      SKD_OK);
     assert_true(request.params.session.has_revision && request.params.session.revision == 12);
+    assert_null(request.params.session.instance);
     skd_request_finish(&request);
     assert_int_equal(decode(&request, "session.attach", "{\"session\":\"a\"}"), SKD_OK);
     assert_false(request.params.session.has_revision);
