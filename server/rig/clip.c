@@ -10,6 +10,12 @@ int skd_channel_width(const struct skd_channel *channel)
     return channel->path == SKD_ROTATION ? 4 : 3;
 }
 
+size_t skd_channel_step(const struct skd_channel *channel)
+{
+    const size_t width = (size_t)skd_channel_width(channel);
+    return channel->interpolation == SKD_CUBICSPLINE ? 3 * width : width;
+}
+
 /* The last key that is not later than `time`, by bisection; the first key when all are later. */
 static size_t find_key(const struct skd_channel *channel, double time)
 {
@@ -58,10 +64,10 @@ static void cubic(const float *key, const float *next, int width, double span, d
 void skd_channel_sample(const struct skd_channel *channel, double time, double *out)
 {
     const int width = skd_channel_width(channel);
-    const int step = channel->interpolation == SKD_CUBICSPLINE ? 3 * width : width;
+    const size_t step = skd_channel_step(channel);
     const int value = channel->interpolation == SKD_CUBICSPLINE ? width : 0;
     const size_t at = find_key(channel, time);
-    const float *key = channel->values + at * (size_t)step, *next = key + step;
+    const float *key = channel->values + at * step, *next = key + step;
     const double start = (double)channel->times[at];
     const double span = at + 1 < channel->key_count ? (double)channel->times[at + 1] - start : 0;
     if (channel->interpolation == SKD_STEP || !(span > 0) || !(time > start)) {

@@ -14,4 +14,7 @@ void skd_channel_sample(const struct skd_channel *channel, double time, double *
 /* Numbers in one key's value: 4 for a rotation, else 3. */
 int skd_channel_width(const struct skd_channel *channel);
 
+/* Numbers that one key has in values: a cubic spline's has two tangents as well. */
+size_t skd_channel_step(const struct skd_channel *channel);
+
 #endif

@@ -17,6 +17,12 @@ SKD_MUST_CHECK enum skd_status skd_gltf_import(const char *path, struct skd_rig 
                                                struct skd_influences *influences,
                                                struct skd_error *error);
 
+/* The part of skd_gltf_import that needs the file: all but heads and neighbours. Such a rig is good
+ * for skd_rig_image_write alone, whose reader adds them. Ownership and errors as there. */
+SKD_MUST_CHECK enum skd_status skd_gltf_parse(const char *path, struct skd_rig **rig,
+                                              struct skd_influences *influences,
+                                              struct skd_error *error);
+
 /* A corrective shape: what is added to rest positions while it is on. */
 struct skd_export_shape {
     const char *name; /* UTF-8; the morph target gets it */
@@ -66,10 +72,8 @@ struct skd_gltf_export_report {
  * weight, a position or offset that is not finite, an image outside the source's folder, morph
  * targets or their animation that do not fit together in the source), SKD_BAD_RIG (animation that
  * cannot be read), SKD_SOURCE_CHANGED, SKD_FILE_IO, SKD_TOO_LARGE, SKD_NO_MEMORY. */
-SKD_MUST_CHECK enum skd_status skd_gltf_export(const struct skd_rig *rig,
-                                               const struct skd_gltf_content *content,
-                                               const char *path,
-                                               struct skd_gltf_export_report *report,
-                                               struct skd_error *error);
+SKD_MUST_CHECK enum skd_status
+skd_gltf_export(const struct skd_rig *rig, const struct skd_gltf_content *content, const char *path,
+                struct skd_gltf_export_report *report, struct skd_error *error);
 
 #endif

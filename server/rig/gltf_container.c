@@ -131,7 +131,9 @@ static char *reduce_json(struct skd_json root, size_t *bytes)
     return text;
 }
 
-static enum skd_status parse_document(struct skd_gltf_container *container, struct skd_error *error)
+/* The first time: later the bytes are the same, and so is what they say. */
+static enum skd_status parse_document(const struct skd_gltf_container *container,
+                                      struct skd_gltf_source *source, struct skd_error *error)
 {
     size_t bytes = 0;
     char problem[200] = "";
@@ -140,8 +142,7 @@ static enum skd_status parse_document(struct skd_gltf_container *container, stru
         return skd_fail_memory(error, "the JSON of a glTF file");
     enum skd_gltf_parsed parsed = SKD_GLTF_INVALID;
     if (bytes <= JSON_BYTES_MAX)
-        parsed =
-            skd_gltf_document_parse(text, bytes, &container->document, problem, sizeof problem);
+        parsed = skd_gltf_document_parse(text, bytes, &source->document, problem, sizeof problem);
     free(text);
     if (bytes > JSON_BYTES_MAX)
         return skd_fail(error, SKD_TOO_LARGE, "the JSON of the file has %zu bytes, more than %zu",
@@ -175,6 +176,9 @@ static enum skd_status open_external(struct skd_gltf_source *source, size_t inde
 {
     if (source->externals[index].fd >= 0)
         return SKD_OK;
+    if (source->is_known)
+        return skd_fail(error, SKD_SOURCE_CHANGED, "\"%s\" is another file than the one loaded",
+                        source->path);
     char *path = NULL;
     enum skd_status status = skd_uri_to_path(uri, &path, error);
     if (status == SKD_OK)
@@ -228,15 +232,12 @@ static enum skd_status prepare_externals(struct skd_gltf_source *source, size_t 
         return skd_fail(error, SKD_TOO_LARGE,
                         "the file has %zu buffers, more than %d; save it as .glb", count,
                         (int)SKD_GLTF_FILES_MAX);
-    if (source->externals != NULL)
-        return SKD_OK;
-    source->externals = calloc(count + 1, sizeof *source->externals);
-    if (source->externals == NULL)
-        return skd_fail_memory(error, "buffers");
-    source->external_count = count;
-    for (size_t i = 0; i < count; i++)
-        source->externals[i].fd = -1;
-    return SKD_OK;
+    if (source->is_known)
+        return count == source->external_count
+                   ? SKD_OK
+                   : skd_fail(error, SKD_SOURCE_CHANGED,
+                              "\"%s\" is another file than the one loaded", source->path);
+    return skd_gltf_source_expect(source, count) ? SKD_OK : skd_fail_memory(error, "buffers");
 }
 
 static enum skd_status read_buffers(struct skd_gltf_container *container,
@@ -286,7 +287,8 @@ enum skd_status skd_gltf_container_read(struct skd_gltf_source *source,
     if (status == SKD_OK)
         status = check_extensions(container->json, error);
     if (status == SKD_OK)
-        status = parse_document(container, error);
+        status = source->document == NULL ? parse_document(container, source, error) : SKD_OK;
+    container->document = source->document;
     if (status == SKD_OK)
         status = check_primitives(container, error);
     if (status == SKD_OK)
@@ -302,7 +304,6 @@ void skd_gltf_container_finish(struct skd_gltf_container *container)
         if (container->buffers[i].is_owned)
             free(container->buffers[i].bytes);
     free(container->buffers);
-    skd_gltf_document_destroy(container->document);
     cJSON_Delete(container->buffer_list);
     free(container->file);
     *container = (struct skd_gltf_container){0};

@@ -39,7 +39,7 @@ struct skd_gltf_container {
     cJSON *buffer_list;   /* "buffers" */
     size_t buffer_count;
     struct skd_gltf_buffer *buffers;
-    struct skd_gltf_document *document;
+    const struct skd_gltf_document *document; /* the source's */
 };
 
 /* Reads the source's files. The first time it opens the external ones, later it checks that

@@ -6,6 +6,7 @@
 
 struct skd_gltf_block {
     struct skd_gltf_block *next;
+    size_t size;
     alignas(max_align_t) unsigned char bytes[];
 };
 
@@ -19,8 +20,18 @@ void *skd_gltf_document_alloc(struct skd_gltf_document *document, size_t count, 
     if (block == NULL)
         return NULL;
     block->next = document->blocks;
+    block->size = total;
     document->blocks = block;
     return block->bytes;
+}
+
+size_t skd_gltf_document_bytes(const struct skd_gltf_document *document)
+{
+    size_t bytes = document != NULL ? sizeof *document : 0;
+    for (const struct skd_gltf_block *block = document != NULL ? document->blocks : NULL;
+         block != NULL; block = block->next)
+        bytes += block->size;
+    return bytes;
 }
 
 void skd_gltf_document_destroy(struct skd_gltf_document *document)

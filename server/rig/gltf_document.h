@@ -126,6 +126,8 @@ struct skd_gltf_document {
 
 /* Zeroed memory that lives as long as the document; NULL when there is none. */
 void *skd_gltf_document_alloc(struct skd_gltf_document *document, size_t count, size_t bytes);
+/* Bytes of all that; NULL is fine. */
+size_t skd_gltf_document_bytes(const struct skd_gltf_document *document);
 void skd_gltf_document_destroy(struct skd_gltf_document *document); /* NULL is fine */
 
 enum skd_gltf_parsed { SKD_GLTF_PARSED, SKD_GLTF_INVALID, SKD_GLTF_NO_MEMORY };
@@ -136,6 +138,10 @@ enum skd_gltf_parsed { SKD_GLTF_PARSED, SKD_GLTF_INVALID, SKD_GLTF_NO_MEMORY };
 enum skd_gltf_parsed skd_gltf_document_parse(const char *json, size_t json_bytes,
                                              struct skd_gltf_document **document, char *problem,
                                              size_t problem_bytes);
+
+/* For a process that does nothing else: end() (which does not return) is called where there is no
+ * memory and no way to say so. A destructor of tinygltf's JSON allocates, and may not throw. */
+void skd_gltf_on_no_memory(void (*end)(void));
 
 #ifdef __cplusplus
 }

@@ -234,6 +234,38 @@ static enum skd_status check_target(const struct skd_gltf_container *container, 
                     "\"%s\" must end in %s, as the character that was loaded is one", path, ending);
 }
 
+/* The rig says of each of its parts which primitive it came from. It was parsed in another process,
+ * or long ago (rig_image.h), so that is held against the file, and so is where POSITION lies; sets
+ * are checked when they are opened. */
+static enum skd_status check_parts(const struct skd_rig *rig,
+                                   const struct skd_gltf_container *container,
+                                   struct skd_error *error)
+{
+    const struct skd_gltf_document *document = container->document;
+    for (size_t p = 0; p < rig->mesh.part_count; p++) {
+        const struct skd_part *part = &rig->mesh.parts[p];
+        const size_t mesh = (size_t)part->mesh, primitive = (size_t)part->primitive;
+        struct skd_elements positions = {0};
+        bool is_good = mesh < document->mesh_count &&
+                       primitive < document->meshes[mesh].primitive_count &&
+                       skd_gltf_find_part(&rig->mesh, mesh, primitive) == p;
+        if (is_good) {
+            const struct skd_gltf_primitive *from = &document->meshes[mesh].primitives[primitive];
+            is_good = from->set_count > 0 && from->set_count <= SKD_SETS_MAX &&
+                      skd_elements_open(container, from->position, 3, "POSITION", &positions,
+                                        NULL) == SKD_OK &&
+                      positions.count == part->vertex_count;
+            skd_elements_close(&positions);
+        }
+        if (!is_good)
+            return skd_fail(
+                error, SKD_SOURCE_CHANGED,
+                "\"%s\" does not have part %zu of the character that was loaded from it",
+                rig->source->path, p);
+    }
+    return SKD_OK;
+}
+
 enum skd_status skd_gltf_export(const struct skd_rig *rig, const struct skd_gltf_content *content,
                                 const char *path, struct skd_gltf_export_report *report,
                                 struct skd_error *error)
@@ -247,9 +279,10 @@ enum skd_status skd_gltf_export(const struct skd_rig *rig, const struct skd_gltf
     enum skd_status status = skd_gltf_container_read(rig->source, &export.container, error);
     if (status != SKD_OK)
         return status;
+    status = check_parts(rig, &export.container, error);
     export.plans = calloc(rig->mesh.part_count + 1, sizeof *export.plans);
     export.is_written = calloc(export.container.buffer_count + 1, sizeof *export.is_written);
-    if (export.plans == NULL || export.is_written == NULL)
+    if (status == SKD_OK && (export.plans == NULL || export.is_written == NULL))
         status = skd_fail_memory(error, "the plan of an export");
     if (status == SKD_OK)
         status = check_target(&export.container, path, error);

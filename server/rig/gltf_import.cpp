@@ -236,7 +236,27 @@ bool parse(const char *json, size_t json_bytes, skd_gltf_document *document, std
     return true;
 }
 
+void (*end_without_memory)(void);
+
+[[noreturn]] void terminate()
+{
+    try {
+        if (const std::exception_ptr thrown = std::current_exception())
+            std::rethrow_exception(thrown);
+    } catch (const std::bad_alloc &) {
+        end_without_memory();
+    } catch (...) {
+    }
+    std::abort();
+}
+
 } // namespace
+
+extern "C" void skd_gltf_on_no_memory(void (*end)(void))
+{
+    end_without_memory = end;
+    std::set_terminate(terminate);
+}
 
 extern "C" enum skd_gltf_parsed skd_gltf_document_parse(const char *json, size_t json_bytes,
                                                         struct skd_gltf_document **document,
@@ -251,6 +271,8 @@ extern "C" enum skd_gltf_parsed skd_gltf_document_parse(const char *json, size_t
         std::string text;
         if (parse(json, json_bytes, made, text))
             parsed = SKD_GLTF_PARSED;
+        else if (text.find("bad_alloc") != std::string::npos) /* tinygltf caught it itself */
+            parsed = SKD_GLTF_NO_MEMORY;
         else
             std::snprintf(problem, problem_bytes, "%s", text.c_str());
     } catch (const std::bad_alloc &) {

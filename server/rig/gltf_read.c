@@ -55,13 +55,13 @@ static enum skd_status read_file(struct skd_gltf_source *source, struct skd_rig 
     return status;
 }
 
-enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
-                                struct skd_influences *influences, struct skd_error *error)
+static enum skd_status parse(const char *path, struct skd_rig **rig,
+                             struct skd_influences *influences, struct skd_scratch *scratch,
+                             struct skd_error *error)
 {
     *rig = NULL;
     *influences = (struct skd_influences){0};
     struct skd_gltf_source *source = NULL;
-    struct skd_scratch scratch = {0};
     enum skd_status status = skd_gltf_source_open(path, &source, error);
     if (status != SKD_OK)
         return status;
@@ -71,18 +71,42 @@ enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
         return skd_fail_memory(error, "a rig");
     }
     made->source = source;
-    status = read_file(source, made, influences, &scratch, error);
+    status = read_file(source, made, influences, scratch, error);
     /* Only a file splits vertices; a client's own array means each of its vertices. */
     if (status == SKD_OK)
-        status = skd_topology_find_twins(&made->mesh, influences, &scratch, error);
-    if (status == SKD_OK)
-        status = skd_rig_derive(made, influences, &scratch, error);
-    skd_scratch_finish(&scratch);
+        status = skd_topology_find_twins(&made->mesh, influences, scratch, error);
     if (status != SKD_OK) {
         skd_rig_destroy(made);
         skd_influences_finish(influences);
         return status;
     }
+    source->is_known = true;
+    skd_rig_measure(made, influences);
     *rig = made;
     return SKD_OK;
+}
+
+enum skd_status skd_gltf_parse(const char *path, struct skd_rig **rig,
+                               struct skd_influences *influences, struct skd_error *error)
+{
+    struct skd_scratch scratch = {0};
+    const enum skd_status status = parse(path, rig, influences, &scratch, error);
+    skd_scratch_finish(&scratch);
+    return status;
+}
+
+enum skd_status skd_gltf_import(const char *path, struct skd_rig **rig,
+                                struct skd_influences *influences, struct skd_error *error)
+{
+    struct skd_scratch scratch = {0};
+    enum skd_status status = parse(path, rig, influences, &scratch, error);
+    if (status == SKD_OK)
+        status = skd_rig_derive(*rig, &scratch, error);
+    skd_scratch_finish(&scratch);
+    if (status != SKD_OK) {
+        skd_rig_destroy(*rig);
+        *rig = NULL;
+        skd_influences_finish(influences);
+    }
+    return status;
 }

@@ -64,6 +64,8 @@ enum skd_status skd_gltf_sets_open(const struct skd_gltf_container *container,
     enum skd_status status = SKD_OK;
     for (int set = 0; status == SKD_OK && set < primitive->set_count; set++) {
         sets->count = set + 1;
+        /* Both are closed, also when one was never opened. */
+        sets->joints[set] = sets->weights[set] = (struct skd_elements){0};
         status = open_set(container, part, primitive->joints[set], "JOINTS", set,
                           &sets->joints[set], error);
         if (status == SKD_OK)

@@ -1,6 +1,8 @@
 /* See gltf_source.h. */
 #include "rig/gltf_source.h"
 
+#include "rig/gltf_document.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
@@ -49,13 +51,43 @@ static enum skd_status open_folder(const char *path, int *folder_fd, struct skd_
                     "the folder of \"%s\" cannot be opened: %s", path, strerror(number));
 }
 
+static struct skd_gltf_source *make_empty(void)
+{
+    struct skd_gltf_source *source = calloc(1, sizeof *source);
+    if (source != NULL)
+        source->folder_fd = source->main.fd = -1;
+    return source;
+}
+
+bool skd_gltf_source_expect(struct skd_gltf_source *source, size_t count)
+{
+    source->externals = calloc(count + 1, sizeof *source->externals);
+    if (source->externals == NULL)
+        return false;
+    source->external_count = count;
+    for (size_t i = 0; i < count; i++)
+        source->externals[i].fd = -1;
+    return true;
+}
+
+struct skd_gltf_source *skd_gltf_source_known(size_t external_count)
+{
+    struct skd_gltf_source *source = make_empty();
+    if (source == NULL)
+        return NULL;
+    source->is_known = true;
+    if (skd_gltf_source_expect(source, external_count))
+        return source;
+    skd_gltf_source_destroy(source);
+    return NULL;
+}
+
 enum skd_status skd_gltf_source_open(const char *path, struct skd_gltf_source **source,
                                      struct skd_error *error)
 {
-    struct skd_gltf_source *made = calloc(1, sizeof *made);
+    struct skd_gltf_source *made = make_empty();
     if (made == NULL)
         return skd_fail_memory(error, "a file");
-    made->folder_fd = made->main.fd = -1;
     made->path = strdup(path);
     enum skd_status status = SKD_OK;
     if (made->path == NULL)
@@ -70,6 +102,58 @@ enum skd_status skd_gltf_source_open(const char *path, struct skd_gltf_source **
     }
     *source = made;
     return SKD_OK;
+}
+
+/* Gives the file a descriptor (taken over) when what it opens can be what was read. */
+static enum skd_status adopt(struct skd_gltf_file *file, int fd, struct skd_error *error)
+{
+    struct stat status;
+    if (fstat(fd, &status) != 0 || !S_ISREG(status.st_mode) ||
+        (uint64_t)status.st_size != file->bytes) {
+        close(fd);
+        return skd_fail(error, SKD_SOURCE_CHANGED,
+                        "\"%s\" is not the file of %zu bytes that it was", file->path, file->bytes);
+    }
+    if (file->fd >= 0)
+        close(file->fd);
+    file->fd = fd;
+    return SKD_OK;
+}
+
+static enum skd_status reopen_file(int folder_fd, struct skd_gltf_file *file,
+                                   struct skd_error *error)
+{
+    struct skd_gltf_file again;
+    enum skd_status status = skd_gltf_file_open(folder_fd, file->path, &again, error);
+    if (status == SKD_OK) {
+        status = adopt(file, again.fd, error);
+        again.fd = -1;
+    }
+    skd_gltf_file_close(&again);
+    return status;
+}
+
+enum skd_status skd_gltf_source_reopen(struct skd_gltf_source *source, struct skd_error *error)
+{
+    enum skd_status status = SKD_OK;
+    if (source->folder_fd < 0)
+        status = open_folder(source->path, &source->folder_fd, error);
+    if (status == SKD_OK)
+        status = reopen_file(AT_FDCWD, &source->main, error);
+    for (size_t i = 0; status == SKD_OK && i < source->external_count; i++)
+        if (source->externals[i].path != NULL)
+            status = reopen_file(source->folder_fd, &source->externals[i], error);
+    return status;
+}
+
+enum skd_status skd_gltf_source_restore(struct skd_gltf_source *source, size_t number, int fd,
+                                        struct skd_error *error)
+{
+    struct skd_gltf_file *file = number == 0 ? &source->main : &source->externals[number - 1];
+    SKD_ASSERT(number <= source->external_count && file->path != NULL);
+    if (source->folder_fd < 0)
+        (void)open_folder(source->path, &source->folder_fd, NULL);
+    return adopt(file, fd, error);
 }
 
 static enum skd_status read_all(const struct skd_gltf_file *file, uint8_t *bytes,
@@ -133,7 +217,7 @@ size_t skd_gltf_source_bytes(const struct skd_gltf_source *source)
     if (source == NULL)
         return 0;
     const size_t joints = source->skin_joints[source->skin_count];
-    return sizeof *source + strlen(source->path) + 1 +
+    return sizeof *source + strlen(source->path) + 1 + skd_gltf_document_bytes(source->document) +
            source->external_count * sizeof *source->externals + joints * 2 * sizeof(uint16_t) +
            (size_t)(source->skin_count + 1) * sizeof(uint32_t);
 }
@@ -153,6 +237,7 @@ void skd_gltf_source_destroy(struct skd_gltf_source *source)
     for (size_t i = 0; i < source->external_count; i++)
         skd_gltf_file_close(&source->externals[i]);
     free(source->externals);
+    skd_gltf_document_destroy(source->document);
     skd_gltf_file_close(&source->main);
     if (source->folder_fd >= 0)
         close(source->folder_fd);

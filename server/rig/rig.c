@@ -1,6 +1,7 @@
 /* See rig.h: the end of a rig, looking things up in it, what it weighs. */
 #include "rig/rig.h"
 
+#include "rig/clip.h"
 #include "rig/gltf_source.h"
 
 #include <stdio.h>
@@ -88,17 +89,17 @@ void skd_rig_destroy(struct skd_rig *rig)
 
 void skd_influences_finish(struct skd_influences *influences)
 {
-    free(influences->offsets);
-    free(influences->joints);
-    free(influences->weights);
+    if (!influences->is_borrowed) {
+        free(influences->offsets);
+        free(influences->joints);
+        free(influences->weights);
+    }
     *influences = (struct skd_influences){0};
 }
 
 static size_t channel_bytes(const struct skd_channel *channel)
 {
-    const size_t width = channel->path == SKD_ROTATION ? 4 : 3;
-    const size_t values = channel->interpolation == SKD_CUBICSPLINE ? 3 * width : width;
-    return sizeof *channel + channel->key_count * (1 + values) * sizeof(float);
+    return sizeof *channel + channel->key_count * (1 + skd_channel_step(channel)) * sizeof(float);
 }
 
 size_t skd_rig_bytes(const struct skd_rig *rig)

@@ -110,7 +110,8 @@ struct skd_influences {
     uint32_t *offsets; /* [V+1] */
     uint16_t *joints;
     float *weights;
-    int most; /* of one vertex */
+    int most;         /* of one vertex */
+    bool is_borrowed; /* the arrays are another's: only to be read, and not freed */
 };
 
 /* What was mended on the way in, one policy each; X(name, wire name, sentence with %zu). */

@@ -202,8 +202,10 @@ enum skd_status skd_rig_from_arrays(const struct skd_rig_arrays *arrays, struct 
         status = copy_mesh(arrays, made, error);
     if (status == SKD_OK)
         status = copy_influences(arrays, made, influences, error);
-    if (status == SKD_OK)
-        status = skd_rig_derive(made, influences, &scratch, error);
+    if (status == SKD_OK) {
+        skd_rig_measure(made, influences);
+        status = skd_rig_derive(made, &scratch, error);
+    }
     skd_scratch_finish(&scratch);
     if (status != SKD_OK)
         goto fail;

@@ -67,18 +67,19 @@ static double box_diagonal(const struct skd_mesh *mesh, const struct skd_influen
     return isfinite(diagonal) ? diagonal : 0;
 }
 
-enum skd_status skd_rig_derive(struct skd_rig *rig, const struct skd_influences *influences,
-                               struct skd_scratch *scratch, struct skd_error *error)
+void skd_rig_measure(struct skd_rig *rig, const struct skd_influences *influences)
 {
-    struct skd_mesh *mesh = &rig->mesh;
-    enum skd_status status = find_heads(&rig->skeleton, error);
-    if (status != SKD_OK)
-        return status;
-    rig->length = box_diagonal(mesh, influences, rig->rest_pose);
+    rig->length = box_diagonal(&rig->mesh, influences, rig->rest_pose);
     if (!(rig->length > 0))
-        rig->length = box_diagonal(mesh, influences, NULL);
+        rig->length = box_diagonal(&rig->mesh, influences, NULL);
     if (!(rig->length > 0))
         rig->length = 1;
-    rig->notes[SKD_NOTE_TRIANGLES_DROPPED] += skd_topology_drop_degenerate(mesh);
-    return skd_topology_find_neighbours(mesh, scratch, error);
+    rig->notes[SKD_NOTE_TRIANGLES_DROPPED] += skd_topology_drop_degenerate(&rig->mesh);
+}
+
+enum skd_status skd_rig_derive(struct skd_rig *rig, struct skd_scratch *scratch,
+                               struct skd_error *error)
+{
+    const enum skd_status status = find_heads(&rig->skeleton, error);
+    return status != SKD_OK ? status : skd_topology_find_neighbours(&rig->mesh, scratch, error);
 }

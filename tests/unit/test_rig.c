@@ -246,7 +246,8 @@ static void test_topology(void **state)
     (void)state;
     uint16_t skins[6] = {0};
     struct skd_scratch scratch = {0};
-    const struct skd_influences influences = {square_offsets, square_joints, square_weights, 1};
+    const struct skd_influences influences = {square_offsets, square_joints, square_weights, 1,
+                                              false};
     struct skd_mesh mesh = {.vertex_count = 6,
                             .rest = square_rest,
                             .triangle_count = 5,
@@ -298,7 +299,7 @@ static void test_topology_of_a_crowd(void **state)
         weights[v] = 1;
     }
     uint16_t *skins = calloc(FAN * 2, sizeof *skins);
-    const struct skd_influences influences = {offsets, joints, weights, 1};
+    const struct skd_influences influences = {offsets, joints, weights, 1, false};
     struct skd_mesh mesh = {.vertex_count = FAN * 2,
                             .rest = rest,
                             .triangle_count = FAN,
