@@ -1,0 +1,941 @@
+/* The journal: what was written is read back to the bit, whatever else becomes of the file is never
+ * a wrong state, and nobody is told that something is kept before it is. */
+#include "journal/compare.h"
+#include "journal/read.h"
+#include "journal/schema.h"
+#include "journal/whole.h"
+#include "support/world.h"
+
+#include <setjmp.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+#include <xxhash.h>
+
+/* ---- helpers ----------------------------------------------------------------------------------
+ */
+
+struct bytes {
+    uint8_t *data;
+    size_t count;
+};
+
+static struct bytes take_file(const char *path, const char *suffix)
+{
+    char name[2 * WORLD_PATH_BYTES];
+    struct bytes bytes = {0};
+    (void)snprintf(name, sizeof name, "%s%s", path, suffix);
+    FILE *file = fopen(name, "rb");
+    if (file == NULL)
+        return bytes;
+    assert_int_equal(fseek(file, 0, SEEK_END), 0);
+    bytes.count = (size_t)ftell(file);
+    bytes.data = malloc(bytes.count + 1);
+    rewind(file);
+    assert_int_equal(fread(bytes.data, 1, bytes.count, file), bytes.count);
+    assert_int_equal(fclose(file), 0);
+    return bytes;
+}
+
+static void put_file(const char *path, const char *suffix, const uint8_t *data, size_t count)
+{
+    char name[2 * WORLD_PATH_BYTES];
+    (void)snprintf(name, sizeof name, "%s%s", path, suffix);
+    FILE *file = fopen(name, "wb");
+    assert_non_null(file);
+    if (count > 0)
+        assert_int_equal(fwrite(data, 1, count, file), count);
+    assert_int_equal(fclose(file), 0);
+}
+
+static void assert_same_poses(const struct skd_session *a, const struct skd_session *b)
+{
+    const struct skd_pose *pose = a->poses.by_name, *other = b->poses.by_name;
+    size_t bytes = (size_t)a->rig->skeleton.bone_count * SKD_MATRIX_SIZE * sizeof(double);
+    for (; pose != NULL && other != NULL; pose = pose->hh.next, other = other->hh.next) {
+        assert_string_equal(pose->name, other->name);
+        assert_memory_equal(pose->matrices, other->matrices, bytes);
+    }
+    assert_ptr_equal(pose, other);
+}
+
+struct answers {
+    size_t count;
+    uint64_t digest; /* of all, in their order */
+    uint64_t latest; /* revision */
+};
+
+static bool take_answer(void *user, const char *client_id, uint64_t sequence, uint64_t revision,
+                        const char *answer)
+{
+    struct answers *answers = user;
+    char line[256];
+    (void)snprintf(line, sizeof line, "%s %u %u %s", client_id, (unsigned)sequence,
+                   (unsigned)revision, answer);
+    answers->count++;
+    answers->digest = XXH3_64bits_withSeed(line, strlen(line), answers->digest);
+    if (revision > answers->latest)
+        answers->latest = revision;
+    return true;
+}
+
+static struct answers answers_of(const struct skd_session *session)
+{
+    struct answers answers = {0};
+    skd_remembered_each(&session->remembered, take_answer, &answers);
+    return answers;
+}
+
+static void assert_same_answers(const struct skd_session *a, const struct skd_session *b)
+{
+    struct answers one = answers_of(a), other = answers_of(b);
+    assert_int_equal(one.count, other.count);
+    assert_true(one.digest == other.digest);
+}
+
+/* All that a session is, what can be undone and redone too. */
+static void assert_same(const struct skd_session *live, const struct skd_session *read)
+{
+    struct skd_error error = {0};
+    if (skd_compare_sessions(live, read, &error) != SKD_OK)
+        fail_msg("%s", error.text);
+    assert_true(random_digest(live) == random_digest(read));
+    assert_string_equal(live->name, read->name);
+    assert_string_equal(live->instance, read->instance);
+    assert_int_equal(live->exported, read->exported);
+    assert_int_equal(live->durability, read->durability);
+    assert_int_equal(live->history.bytes_max, read->history.bytes_max);
+    assert_int_equal(live->history.bytes, read->history.bytes);
+    assert_int_equal(live->history.base_revision, read->history.base_revision);
+    for (size_t i = 0; i < live->history.count; i++)
+        assert_int_equal(live->history.steps[i]->revision, read->history.steps[i]->revision);
+    assert_memory_equal(&live->slots, &read->slots, sizeof live->slots);
+    assert_same_poses(live, read);
+    assert_same_answers(live, read);
+}
+
+static struct skd_session *must_read(const char *path, bool cut)
+{
+    struct skd_session *session = NULL;
+    struct skd_journal_report report;
+    struct skd_error error = {0};
+    if (skd_journal_read(path, NULL, &session, &report, &error) != SKD_OK)
+        fail_msg("%s", error.text);
+    if (report.cut != cut)
+        fail_msg("cut is %d: %s", report.cut, report.text);
+    assert_int_equal(report.revision, session->revision);
+    assert_int_equal(report.rewrite, cut);
+    return session;
+}
+
+/* ---- there and back ---------------------------------------------------------------------------
+ */
+
+static void whole_files_are_read_back_to_the_bit(void **state)
+{
+    (void)state;
+    static struct world world;
+    for (uint64_t seed = 0; seed < 24; seed++) {
+        world_start(&world, seed, 64 + 40 * (size_t)(seed % 5), 2 + (int)(seed % 7),
+                    seed % 2 == 0 ? 4 : 8);
+        for (uint64_t i = 0; i < 8 * (seed % 12); i++)
+            world_act(&world);
+        uint64_t before = random_digest(world.session);
+        world_write(&world);
+        assert_true(random_digest(world.session) == before);
+        struct skd_session *read = must_read(world.path, false);
+        assert_same(world.session, read);
+        skd_session_destroy(read);
+        world_end(&world);
+    }
+}
+
+static void appended_files_are_read_back_to_the_bit(void **state)
+{
+    (void)state;
+    static struct world world;
+    for (uint64_t seed = 100; seed < 124; seed++) {
+        char copy[WORLD_PATH_BYTES + 8];
+        world_start(&world, seed, 64 + 40 * (size_t)(seed % 5), 2 + (int)(seed % 7),
+                    seed % 2 == 0 ? 4 : 8);
+        for (uint64_t i = 0; i < 4 * (seed % 5); i++)
+            world_act(&world);
+        world_write(&world);
+        world_open(&world);
+        (void)snprintf(copy, sizeof copy, "%s.copy", world.path);
+        for (int round = 0; round < 4; round++) {
+            for (size_t i = random_below(&world.random, 30); i > 0; i--)
+                world_act(&world);
+            world_wait(&world);
+            /* As a kill would leave it. */
+            struct bytes file = take_file(world.path, ""), log = take_file(world.path, "-wal");
+            put_file(copy, "", file.data, file.count);
+            put_file(copy, "-wal", log.data, log.count);
+            free(file.data);
+            free(log.data);
+            struct skd_session *read = must_read(copy, false);
+            assert_same(world.session, read);
+            skd_session_destroy(read);
+            if (round % 2 == 1) { /* a file that was closed is appended to again */
+                world_close(&world);
+                read = must_read(world.path, false);
+                assert_same(world.session, read);
+                skd_session_destroy(read);
+                world_open(&world);
+            }
+        }
+        assert_int_equal(world.suspended, 0);
+        world_end(&world);
+    }
+}
+
+/* A log that was not folded in is gone on with. */
+static void appending_goes_on_after_a_kill(void **state)
+{
+    (void)state;
+    static struct world world;
+    char copy[WORLD_PATH_BYTES + 8];
+    world_start(&world, 7, 200, 5, 4);
+    world_write(&world);
+    world_open(&world);
+    for (int i = 0; i < 20; i++)
+        world_act(&world);
+    world_wait(&world);
+    (void)snprintf(copy, sizeof copy, "%s.copy", world.path);
+    struct bytes file = take_file(world.path, ""), log = take_file(world.path, "-wal");
+    put_file(copy, "", file.data, file.count);
+    put_file(copy, "-wal", log.data, log.count);
+    free(file.data);
+    free(log.data);
+    world_close(&world);
+    memcpy(world.path, copy, strlen(copy) + 1);
+    world_open(&world);
+    for (int i = 0; i < 20; i++)
+        world_act(&world);
+    world_close(&world);
+    struct skd_session *read = must_read(world.path, false);
+    assert_same(world.session, read);
+    skd_session_destroy(read);
+    world_end(&world);
+}
+
+static void a_fork_is_the_same_session_of_another_name(void **state)
+{
+    (void)state;
+    static struct world world;
+    struct skd_journal_identity identity = {.name = "other", .instance = "0123456789abcdef"};
+    world_start(&world, 8, 100, 4, 4);
+    for (int i = 0; i < 30; i++)
+        world_act(&world);
+    assert_int_equal(skd_journal_write(world.path, world.session, &identity, NULL, 0, NULL),
+                     SKD_OK);
+    struct skd_session *read = must_read(world.path, false);
+    assert_string_equal(read->name, "other");
+    assert_string_equal(read->instance, "0123456789abcdef");
+    assert_int_equal(skd_compare_sessions(world.session, read, NULL), SKD_OK);
+    skd_session_destroy(read);
+    world_end(&world);
+}
+
+/* A name becomes part of a file's name, so it is held against the wire's rule. */
+static void names_that_are_paths_are_refused(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"../up", "a/b", ".hidden", "", "two words"};
+    static struct world world;
+    struct skd_journal_report report;
+    struct skd_session *read = NULL;
+    world_start(&world, 26, 80, 3, 4);
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        struct skd_journal_identity identity = {.instance = "0123456789abcdef"};
+        memcpy(identity.name, names[i], strlen(names[i]) + 1);
+        assert_int_equal(skd_journal_write(world.path, world.session, &identity, NULL, 0, NULL),
+                         SKD_OK);
+        assert_int_equal(skd_journal_read(world.path, NULL, &read, &report, NULL), SKD_DAMAGED);
+    }
+    world_end(&world);
+}
+
+/* A step of all kinds, forward and back: what replaying found as `before` is what was there. */
+static void undo_after_reading_leads_back_to_each_revision(void **state)
+{
+    (void)state;
+    static struct world world;
+    world_start(&world, 9, 300, 6, 8);
+    for (int i = 0; i < 24; i++)
+        world_step(&world, 1 + random_below(&world.random, 40), (unsigned)i % 16);
+    world_write(&world);
+    struct skd_session *read = must_read(world.path, false);
+    for (size_t position = read->history.position; position > 0; position--) {
+        assert_true(random_digest(read) == world.digests[position]);
+        skd_session_write(read, read->history.steps[position - 1], true);
+    }
+    assert_true(random_digest(read) == world.digests[0]);
+    skd_session_destroy(read);
+    world_end(&world);
+}
+
+/* ---- damage -----------------------------------------------------------------------------------
+ */
+
+struct damage {
+    struct world world;
+    struct bytes file, log;
+    char copy[WORLD_PATH_BYTES + 8];
+    size_t whole, cut, refused;
+};
+
+static void start_damage(struct damage *damage, uint64_t seed, bool folded)
+{
+    struct world *world = &damage->world;
+    world_start(world, seed, 96, 4, 4);
+    world_write(world);
+    world_open(world);
+    for (int i = 0; i < 25; i++) {
+        world_act(world);
+        world_wait(world);
+    }
+    if (folded)
+        world_close(world);
+    damage->file = take_file(world->path, "");
+    damage->log = take_file(world->path, "-wal");
+    damage->whole = damage->cut = damage->refused = 0;
+    (void)snprintf(damage->copy, sizeof damage->copy, "%s.copy", world->path);
+}
+
+static void end_damage(struct damage *damage)
+{
+    free(damage->file.data);
+    free(damage->log.data);
+    world_end(&damage->world);
+}
+
+/* Reads what a case made of the copies: a state that was committed, by its number, or an error. */
+static void judge(struct damage *damage)
+{
+    struct world *world = &damage->world;
+    struct skd_session *session = NULL;
+    struct skd_journal_report report;
+    struct skd_error error = {0};
+    enum skd_status status = skd_journal_read(damage->copy, NULL, &session, &report, &error);
+    if (status != SKD_OK) {
+        assert_true(status == SKD_DAMAGED || status == SKD_NEWER);
+        assert_int_not_equal(error.text[0], '\0');
+        damage->refused++;
+        return;
+    }
+    assert_true(session->revision <= world->session->revision);
+    assert_true(random_digest(session) == world->digests[session->revision]);
+    assert_true(answers_of(session).latest <= session->revision);
+    if (report.cut) {
+        assert_string_not_equal(session->instance, world->session->instance);
+        assert_int_not_equal(session->damage[0], '\0');
+        damage->cut++;
+    } else {
+        damage->whole++;
+    }
+    /* And its history leads somewhere: back to the base and forth again. */
+    struct skd_history *history = &session->history;
+    uint64_t digest = random_digest(session);
+    for (size_t i = history->position; i > 0; i--)
+        skd_session_write(session, history->steps[i - 1], true);
+    for (size_t i = 0; i < history->position; i++)
+        skd_session_write(session, history->steps[i], false);
+    assert_true(random_digest(session) == digest);
+    skd_session_destroy(session);
+}
+
+static void put_copies(const struct damage *damage)
+{
+    put_file(damage->copy, "", damage->file.data, damage->file.count);
+    put_file(damage->copy, "-wal", damage->log.data, damage->log.count);
+}
+
+static void logs_cut_anywhere_give_a_committed_state(void **state)
+{
+    (void)state;
+    static struct damage damage;
+    start_damage(&damage, 11, false);
+    size_t log = damage.log.count;
+    assert_true(log > 10 * 4120);
+    put_copies(&damage);
+    for (size_t cut = 0; cut < 700; cut++) {
+        /* Each byte near the end, then sparser. */
+        size_t count = cut < 100 ? log - cut : log - log * (cut - 100) / 600;
+        put_file(damage.copy, "-wal", damage.log.data, count);
+        judge(&damage);
+    }
+    assert_int_equal(damage.refused, 0);
+    assert_int_equal(damage.cut, 0); /* it looks like a kill */
+    end_damage(&damage);
+}
+
+static void zeroed_tails_of_logs_are_told(void **state)
+{
+    (void)state;
+    static struct damage damage;
+    start_damage(&damage, 12, false);
+    size_t log = damage.log.count, frames = (log - 32) / 4120;
+    put_copies(&damage);
+    for (size_t i = 0; i < 200; i++) {
+        uint8_t *data = malloc(log);
+        memcpy(data, damage.log.data, log);
+        size_t from = random_below(&damage.world.random, log);
+        memset(data + from, 0, log - from);
+        put_file(damage.copy, "-wal", data, log);
+        free(data);
+        size_t cut = damage.cut;
+        judge(&damage);
+        if (from < 32 + 4120 * (frames - 2))
+            assert_int_equal(damage.cut, cut + 1);
+    }
+    assert_int_equal(damage.refused, 0);
+    end_damage(&damage);
+}
+
+/* Flips a few bits of a file; `suffix` tells which. */
+static void flip(struct damage *damage, const struct bytes *of, const char *suffix, int rounds)
+{
+    for (int i = 0; i < rounds; i++) {
+        uint8_t *data = malloc(of->count);
+        memcpy(data, of->data, of->count);
+        for (size_t flips = 1 + random_below(&damage->world.random, 3); flips > 0; flips--)
+            data[random_below(&damage->world.random, of->count)] ^=
+                (uint8_t)(1u << random_below(&damage->world.random, 8));
+        put_copies(damage);
+        put_file(damage->copy, suffix, data, of->count);
+        free(data);
+        judge(damage);
+    }
+}
+
+static void flipped_bits_never_give_a_wrong_state(void **state)
+{
+    (void)state;
+    static struct damage damage;
+    start_damage(&damage, 13, false);
+    flip(&damage, &damage.log, "-wal", 300);
+    assert_int_equal(damage.refused, 0); /* the base is not in the log */
+    assert_true(damage.cut > 200);
+    flip(&damage, &damage.file, "", 300);
+    end_damage(&damage);
+    start_damage(&damage, 14, true); /* all in the file itself */
+    damage.log.count = 0;
+    flip(&damage, &damage.file, "", 600);
+    assert_true(damage.refused > 0 && damage.cut > 0);
+    end_damage(&damage);
+}
+
+static void torn_files_are_refused_or_give_a_committed_state(void **state)
+{
+    (void)state;
+    static struct damage damage;
+    start_damage(&damage, 15, true);
+    damage.log.count = 0;
+    size_t size = damage.file.count;
+    for (size_t i = 0; i < 300; i++) {
+        size_t from = i < 200 ? size * i / 200 : random_below(&damage.world.random, size);
+        put_copies(&damage);
+        if (i < 200) {
+            put_file(damage.copy, "", damage.file.data, from);
+        } else {
+            uint8_t *data = malloc(size);
+            memcpy(data, damage.file.data, size);
+            size_t zeros = random_below(&damage.world.random, size - from);
+            memset(data + from, 0, zeros);
+            put_file(damage.copy, "", data, size);
+            free(data);
+        }
+        judge(&damage);
+    }
+    assert_true(damage.refused > 100);
+    end_damage(&damage);
+}
+
+static size_t count_files(const char *folder)
+{
+    char command[WORLD_PATH_BYTES + 64];
+    unsigned count = 0;
+    (void)snprintf(command, sizeof command, "ls -A '%s' | wc -l", folder);
+    FILE *pipe = popen(command, "r");
+    assert_non_null(pipe);
+    assert_int_equal(fscanf(pipe, "%u", &count), 1);
+    (void)pclose(pipe);
+    return count;
+}
+
+static void damaged_files_are_set_aside(void **state)
+{
+    (void)state;
+    static struct damage damage;
+    char aside[WORLD_PATH_BYTES + 16];
+    struct skd_session *session;
+    struct skd_journal_report report;
+    start_damage(&damage, 16, false);
+    (void)snprintf(aside, sizeof aside, "%s/aside", damage.world.folder);
+    put_copies(&damage);
+    damage.log.data[damage.log.count / 2] ^= 1;
+    put_file(damage.copy, "-wal", damage.log.data, damage.log.count);
+    assert_int_equal(skd_journal_read(damage.copy, aside, &session, &report, NULL), SKD_OK);
+    assert_true(report.cut && report.rewrite);
+    skd_session_destroy(session);
+    assert_int_equal(access(damage.copy, F_OK), 0); /* the caller removes it */
+    assert_int_equal(count_files(aside), 2);        /* the file and its log */
+    struct stat status;
+    assert_int_equal(stat(aside, &status), 0);
+    assert_int_equal(status.st_mode & 0777, 0700);
+    memset(damage.file.data, 0, 64);
+    put_file(damage.copy, "", damage.file.data, damage.file.count);
+    assert_int_equal(skd_journal_read(damage.copy, aside, &session, &report, NULL), SKD_DAMAGED);
+    assert_int_not_equal(access(damage.copy, F_OK), 0);
+    assert_int_equal(count_files(aside), 4);
+    end_damage(&damage);
+}
+
+/* ---- what is no file of ours ------------------------------------------------------------------
+ */
+
+static void execute(const char *path, const char *sql)
+{
+    sqlite3 *db;
+    assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+    if (sqlite3_exec(db, sql, NULL, NULL, NULL) != SQLITE_OK)
+        fail_msg("%s", sqlite3_errmsg(db));
+    assert_int_equal(sqlite3_close(db), SQLITE_OK);
+}
+
+static enum skd_status try_read(const char *path)
+{
+    struct skd_session *session = NULL;
+    struct skd_journal_report report;
+    enum skd_status status = skd_journal_read(path, NULL, &session, &report, NULL);
+    skd_session_destroy(session);
+    return status;
+}
+
+static void files_of_others_are_refused(void **state)
+{
+    (void)state;
+    static const char *const changes[] = {
+        "CREATE TABLE more(id INTEGER)",
+        "CREATE VIEW seen AS SELECT * FROM steps",
+        "CREATE TRIGGER pulled AFTER INSERT ON steps BEGIN DELETE FROM steps; END",
+        "CREATE INDEX listed ON steps(cause)",
+        "DROP TABLE guard",
+        "DROP TABLE chunks; CREATE VIEW chunks AS SELECT 1 AS id, 2 AS sum, x'00' AS body",
+        "ALTER TABLE steps ADD COLUMN more INTEGER",
+        "DELETE FROM session",
+        "UPDATE session SET slots=4000000000",
+        "UPDATE session SET rig_bytes=1000000000000",
+        "UPDATE session SET name=zeroblob(100)",
+        "UPDATE chunks SET body=zeroblob(length(body))",
+        "UPDATE chunks SET body='text'",
+        "DELETE FROM chunks WHERE id=(SELECT min(id) FROM chunks)",
+        "PRAGMA application_id=5",
+        "PRAGMA user_version=-3",
+    };
+    static struct world world;
+    world_start(&world, 21, 80, 3, 4);
+    for (int i = 0; i < 10; i++)
+        world_act(&world);
+    for (size_t i = 0; i < sizeof changes / sizeof *changes; i++) {
+        world_write(&world);
+        assert_int_equal(try_read(world.path), SKD_OK);
+        execute(world.path, changes[i]);
+        if (try_read(world.path) != SKD_DAMAGED)
+            fail_msg("taken: %s", changes[i]);
+    }
+    char other[WORLD_PATH_BYTES + 8];
+    (void)snprintf(other, sizeof other, "%s.none", world.path);
+    assert_int_equal(try_read(other), SKD_NO_FILE);
+    world_write(&world);
+    assert_int_equal(symlink(world.path, other), 0);
+    assert_int_equal(try_read(other), SKD_FILE_IO);
+    assert_int_equal(try_read(world.folder), SKD_FILE_IO);
+    world_end(&world);
+}
+
+/* Rows that others may have changed with good checksums are held against the session's rules, but
+ * what only the history needs costs the history alone. */
+static void lost_parts_are_told(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *sql, *said;
+    } changes[] = {
+        {"DELETE FROM state", "how far it had come"},
+        {"UPDATE state SET position=position+1, count=count+1", "how far it had come"},
+        {"DELETE FROM steps WHERE id=(SELECT max(id) FROM steps)", "not whole"},
+        {"UPDATE steps SET client='other'", "not whole"},
+        {"DELETE FROM history WHERE place=3", "not whole"},
+        {"UPDATE history SET revision=revision+1 WHERE place=4", "not whole"},
+        {"UPDATE history SET step=step+1 WHERE place=2", "not whole"},
+        {"UPDATE poses SET name='q' WHERE name='rest'", "poses are lost"},
+        {"UPDATE guard SET count=1", "guard"},
+        {"UPDATE guard SET body=zeroblob(7)", "guard"},
+    };
+    static struct world world;
+    world_start(&world, 22, 80, 3, 4);
+    for (int i = 0; i < 12; i++)
+        world_step(&world, 5, (unsigned)i % 16);
+    while (world.session->guards.factors == NULL)
+        world_act(&world);
+    world_step(&world, 3, 0);
+    for (size_t i = 0; i < sizeof changes / sizeof *changes; i++) {
+        struct skd_session *session = NULL;
+        struct skd_journal_report report;
+        struct skd_error error = {0};
+        world_write(&world);
+        execute(world.path, changes[i].sql);
+        if (skd_journal_read(world.path, NULL, &session, &report, &error) != SKD_OK)
+            fail_msg("%s: %s", changes[i].sql, error.text);
+        assert_true(report.cut);
+        if (strstr(report.text, changes[i].said) == NULL)
+            fail_msg("%s: \"%s\"", changes[i].sql, report.text);
+        assert_string_equal(session->damage, report.text);
+        assert_true(random_digest(session) == world.digests[session->revision]);
+        skd_session_destroy(session);
+    }
+    world_end(&world);
+}
+
+/* The state of an earlier moment over a history that went another way since. */
+static void a_state_that_fits_no_history_is_not_believed(void **state)
+{
+    (void)state;
+    static struct world world;
+    char old[WORLD_PATH_BYTES + 8], sql[WORLD_PATH_BYTES + 128];
+    world_start(&world, 27, 80, 3, 4);
+    world_write(&world);
+    world_open(&world);
+    for (int i = 0; i < 5; i++)
+        world_step(&world, 5, 0);
+    world_close(&world);
+    struct bytes bytes = take_file(world.path, "");
+    (void)snprintf(old, sizeof old, "%s.old", world.path);
+    put_file(old, "", bytes.data, bytes.count);
+    free(bytes.data);
+    world_open(&world);
+    world_undo(&world);
+    world_undo(&world);
+    for (int i = 0; i < 3; i++)
+        world_step(&world, 5, 0);
+    world_close(&world);
+    (void)snprintf(sql, sizeof sql,
+                   "ATTACH '%s' AS old; DELETE FROM state; INSERT INTO state SELECT * FROM "
+                   "old.state",
+                   old);
+    execute(world.path, sql);
+    struct skd_session *read = NULL;
+    struct skd_journal_report report;
+    assert_int_equal(skd_journal_read(world.path, NULL, &read, &report, NULL), SKD_OK);
+    assert_true(report.cut);
+    assert_true(random_digest(read) == world.digests[read->revision]);
+    skd_session_destroy(read);
+    world_end(&world);
+}
+
+static void newer_files_are_left_unharmed(void **state)
+{
+    (void)state;
+    static struct world world;
+    char sql[64], aside[WORLD_PATH_BYTES + 16];
+    world_start(&world, 23, 80, 3, 4);
+    world_write(&world);
+    (void)snprintf(sql, sizeof sql, "PRAGMA user_version=%d", SKD_JOURNAL_VERSION + 1);
+    (void)snprintf(aside, sizeof aside, "%s/aside", world.folder);
+    execute(world.path, sql);
+    struct bytes before = take_file(world.path, "");
+    struct skd_session *session;
+    struct skd_journal_report report;
+    struct skd_error error;
+    assert_int_equal(skd_journal_read(world.path, aside, &session, &report, &error), SKD_NEWER);
+    assert_non_null(strstr(error.text, "later skind"));
+    struct bytes after = take_file(world.path, "");
+    assert_int_equal(after.count, before.count);
+    assert_memory_equal(after.data, before.data, before.count);
+    assert_int_not_equal(access(aside, F_OK), 0);
+    world_open(&world); /* nor does the writer touch it */
+    world_step(&world, 3, 0);
+    world_wait(&world);
+    assert_int_equal(world.suspended, 1);
+    free(after.data);
+    after = take_file(world.path, "");
+    assert_memory_equal(after.data, before.data, before.count);
+    free(before.data);
+    free(after.data);
+    world_end(&world);
+}
+
+/* Version 0 is a file without tables: bringing it up to date makes them, in memory. */
+static void older_files_are_brought_up_to_date(void **state)
+{
+    (void)state;
+    static struct world world;
+    sqlite3 *db;
+    bool is_ours = false;
+    world_start(&world, 24, 80, 3, 4);
+    assert_int_equal(sqlite3_open(":memory:", &db), SQLITE_OK);
+    assert_int_equal(skd_schema_check(db, &is_ours), SQLITE_OK);
+    assert_false(is_ours);
+    assert_int_equal(skd_schema_upgrade(db, 0), SQLITE_OK);
+    assert_int_equal(skd_schema_check(db, &is_ours), SQLITE_OK);
+    assert_true(is_ours);
+    assert_int_equal(sqlite3_close(db), SQLITE_OK);
+    world_write(&world);
+    execute(world.path, "PRAGMA user_version=0");
+    struct bytes before = take_file(world.path, "");
+    assert_int_equal(try_read(world.path), SKD_DAMAGED); /* its tables are there already */
+    struct bytes after = take_file(world.path, "");
+    assert_memory_equal(after.data, before.data, before.count);
+    free(before.data);
+    free(after.data);
+    world_end(&world);
+}
+
+static void verifying_finds_what_differs(void **state)
+{
+    (void)state;
+    static struct world world;
+    struct skd_journal_report report;
+    struct skd_error error = {0};
+    world_start(&world, 25, 80, 3, 4);
+    for (int i = 0; i < 20; i++)
+        world_act(&world);
+    world_write(&world);
+    assert_int_equal(skd_journal_verify(world.path, world.session, &report, &error), SKD_OK);
+    assert_false(report.cut);
+    assert_int_equal(report.revision, world.session->revision);
+    float *weight = &world.session->weights[17];
+    float before = *weight;
+    *weight += 0.25F;
+    assert_int_equal(skd_journal_verify(world.path, world.session, &report, &error), SKD_DAMAGED);
+    assert_non_null(strstr(error.text, "weights"));
+    *weight = before;
+    execute(world.path, "UPDATE poses SET name='q' WHERE name='rest'");
+    assert_int_equal(skd_journal_verify(world.path, NULL, &report, &error), SKD_OK);
+    assert_true(report.cut);
+    world_end(&world);
+}
+
+/* ---- writing ----------------------------------------------------------------------------------
+ */
+
+static void files_are_private_and_whole_or_the_old_one(void **state)
+{
+    (void)state;
+    static struct world world;
+    struct stat status;
+    struct skd_error error;
+    world_start(&world, 31, 4000, 3, 4);
+    world_write(&world);
+    assert_int_equal(stat(world.path, &status), 0);
+    assert_int_equal(status.st_mode & 0777, 0600);
+    struct bytes before = take_file(world.path, "");
+    for (int i = 0; i < 20; i++)
+        world_step(&world, 400, RANDOM_PINS);
+    /* A disk that is full. */
+    const struct rlimit small = {.rlim_cur = 100000, .rlim_max = RLIM_INFINITY};
+    const struct rlimit none = {.rlim_cur = RLIM_INFINITY, .rlim_max = RLIM_INFINITY};
+    (void)signal(SIGXFSZ, SIG_IGN);
+    uint64_t digest = random_digest(world.session);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
+    enum skd_status full = skd_journal_write(world.path, world.session, NULL, NULL, 0, &error);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &none), 0);
+    assert_int_equal(full, SKD_FILE_IO);
+    assert_true(random_digest(world.session) == digest);
+    struct bytes after = take_file(world.path, "");
+    assert_int_equal(after.count, before.count);
+    assert_memory_equal(after.data, before.data, before.count);
+    assert_int_equal(count_files(world.folder), 1);
+    put_file(world.folder, "/.skind-0123456789abcdef.tmp", before.data, 10);
+    put_file(world.folder, "/.skind-0123456789abcdef.tmp-wal", before.data, 10);
+    skd_journal_sweep(world.folder);
+    assert_int_equal(count_files(world.folder), 1);
+    free(before.data);
+    free(after.data);
+    world_end(&world);
+}
+
+static void nobody_is_told_before_it_is_written(void **state)
+{
+    (void)state;
+    static struct world world;
+    char copy[WORLD_PATH_BYTES + 8];
+    world_start(&world, 32, 200, 4, 4);
+    world_write(&world);
+    world_open(&world);
+    (void)snprintf(copy, sizeof copy, "%s.copy", world.path);
+    for (int i = 0; i < 40; i++) {
+        world_step(&world, 5, RANDOM_PINS);
+        if (i % 4 == 3)
+            (void)uv_run(&world.loop, UV_RUN_ONCE);
+        size_t told = world.told;
+        struct bytes file = take_file(world.path, ""), log = take_file(world.path, "-wal");
+        put_file(copy, "", file.data, file.count);
+        put_file(copy, "-wal", log.data, log.count);
+        struct skd_session *read = NULL;
+        struct skd_journal_report report;
+        if (skd_journal_read(copy, NULL, &read, &report, NULL) == SKD_OK)
+            assert_true(read->revision >= told);
+        skd_session_destroy(read);
+        free(file.data);
+        free(log.data);
+    }
+    world_wait(&world);
+    assert_int_equal(world.told, 40);
+    world_end(&world);
+}
+
+static void durability_second_is_told_at_once_and_written_soon(void **state)
+{
+    (void)state;
+    static struct world world;
+    world_start(&world, 33, 200, 4, 4);
+    world.session->durability = SKD_DURABILITY_SECOND;
+    world_write(&world);
+    world_open(&world);
+    for (int i = 0; i < 10; i++)
+        world_step(&world, 5, 0);
+    assert_int_equal(world.waiting, 0);
+    world_close(&world);
+    struct skd_session *read = must_read(world.path, false);
+    assert_true(random_digest(read) == random_digest(world.session));
+    /* Others may have been told more than such a file has. */
+    assert_string_not_equal(read->instance, world.session->instance);
+    skd_session_destroy(read);
+    world_end(&world);
+}
+
+static void a_file_that_cannot_be_written_is_suspended_once(void **state)
+{
+    (void)state;
+    static struct world world;
+    world_start(&world, 34, 200, 4, 4);
+    world_write(&world);
+    world_open(&world);
+    for (int i = 0; i < 5; i++)
+        world_step(&world, 5, 0);
+    world_wait(&world);
+    uint64_t kept = world.session->revision;
+    const struct rlimit small = {.rlim_cur = 20000, .rlim_max = RLIM_INFINITY};
+    const struct rlimit none = {.rlim_cur = RLIM_INFINITY, .rlim_max = RLIM_INFINITY};
+    (void)signal(SIGXFSZ, SIG_IGN);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &small), 0);
+    for (int i = 0; i < 8; i++)
+        world_step(&world, 20, RANDOM_PINS);
+    world_wait(&world); /* all are told, kept or not */
+    assert_int_equal(world.suspended, 1);
+    world_step(&world, 5, 0);
+    assert_int_equal(world.waiting, 0);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &none), 0);
+    world_close(&world);
+    struct skd_session *read = must_read(world.path, false);
+    assert_true(read->revision >= kept && read->revision < world.session->revision);
+    assert_true(random_digest(read) == world.digests[read->revision]);
+    skd_session_destroy(read);
+    world_write(&world); /* and so it resumes */
+    world_open(&world);
+    world_step(&world, 5, 0);
+    world_close(&world);
+    read = must_read(world.path, false);
+    assert_same(world.session, read);
+    skd_session_destroy(read);
+    assert_int_equal(world.suspended, 1);
+    world_end(&world);
+}
+
+static void set_true(void *user)
+{
+    *(bool *)user = true;
+}
+
+static void closing_moves_or_removes_the_file(void **state)
+{
+    (void)state;
+    static struct world world;
+    char moved[WORLD_PATH_BYTES + 8];
+    world_start(&world, 35, 200, 4, 4);
+    (void)snprintf(moved, sizeof moved, "%s.moved", world.path);
+    for (int round = 0; round < 2; round++) {
+        bool ended = false;
+        world_write(&world);
+        world_open(&world);
+        for (int i = 0; i < 5; i++)
+            world_step(&world, 5, 0);
+        skd_journal_close(world.file, round == 0 ? moved : "", set_true, &ended);
+        while (!ended)
+            (void)uv_run(&world.loop, UV_RUN_ONCE);
+        assert_int_equal(world.waiting, 0);
+        assert_int_equal(count_files(world.folder), 1); /* the moved one, without a log */
+        if (round == 0) {
+            struct skd_session *read = must_read(moved, false);
+            assert_same(world.session, read);
+            skd_session_destroy(read);
+        }
+    }
+    world.file = NULL;
+    world_end(&world);
+}
+
+/* The log stays small however much is written, and stopping writes all. */
+static void the_log_is_folded_in(void **state)
+{
+    (void)state;
+    static struct world world;
+    world_start(&world, 36, 40000, 4, 8);
+    world_write(&world);
+    world_open(&world);
+    for (int i = 0; i < 60; i++) {
+        world_step(&world, 20000, 0);
+        world_wait(&world);
+        struct bytes log = take_file(world.path, "-wal");
+        assert_true(log.count < (size_t)24 << 20);
+        free(log.data);
+    }
+    assert_true(skd_journal_bytes(world.file) > (size_t)60 * 20000 * 36);
+    skd_journal_stop(world.journal);
+    world.journal = NULL;
+    assert_int_equal(world.waiting, 0);
+    struct skd_session *read = must_read(world.path, false);
+    assert_true(random_digest(read) == random_digest(world.session));
+    skd_session_destroy(read);
+    world_end(&world);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(whole_files_are_read_back_to_the_bit),
+        cmocka_unit_test(appended_files_are_read_back_to_the_bit),
+        cmocka_unit_test(appending_goes_on_after_a_kill),
+        cmocka_unit_test(a_fork_is_the_same_session_of_another_name),
+        cmocka_unit_test(names_that_are_paths_are_refused),
+        cmocka_unit_test(undo_after_reading_leads_back_to_each_revision),
+        cmocka_unit_test(logs_cut_anywhere_give_a_committed_state),
+        cmocka_unit_test(zeroed_tails_of_logs_are_told),
+        cmocka_unit_test(flipped_bits_never_give_a_wrong_state),
+        cmocka_unit_test(torn_files_are_refused_or_give_a_committed_state),
+        cmocka_unit_test(damaged_files_are_set_aside),
+        cmocka_unit_test(files_of_others_are_refused),
+        cmocka_unit_test(lost_parts_are_told),
+        cmocka_unit_test(a_state_that_fits_no_history_is_not_believed),
+        cmocka_unit_test(newer_files_are_left_unharmed),
+        cmocka_unit_test(older_files_are_brought_up_to_date),
+        cmocka_unit_test(verifying_finds_what_differs),
+        cmocka_unit_test(files_are_private_and_whole_or_the_old_one),
+        cmocka_unit_test(nobody_is_told_before_it_is_written),
+        cmocka_unit_test(durability_second_is_told_at_once_and_written_soon),
+        cmocka_unit_test(a_file_that_cannot_be_written_is_suspended_once),
+        cmocka_unit_test(closing_moves_or_removes_the_file),
+        cmocka_unit_test(the_log_is_folded_in),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
