@@ -2,16 +2,21 @@
 #include "daemon.h"
 
 #include "base/log.h"
-#include "net/listener.h"
+#include "door.h"
+#include "memory_reserve.h"
+#include "protocol/json_memory.h"
 #include "requests/call.h"
 #include "requests/close.h"
 #include "requests/handlers.h"
+#include "requests/keeping.h"
 #include "requests/live.h"
+#include "requests/memory.h"
+#include "requests/presence.h"
+#include "requests/updates.h"
 
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <sys/resource.h>
 #include <utlist.h>
 
 enum { IDLE_CHECK_MS = 500 };
@@ -20,12 +25,12 @@ enum { IDLE_CHECK_MS = 500 };
 struct server {
     struct skd_daemon daemon; /* first: a pointer to it is one to the server */
     uv_loop_t loop;
-    struct skd_listener listener;
+    struct skd_door door;
     uv_signal_t signals[2];
     uv_timer_t timer; /* looks for idleness; later waits for the last call */
     unsigned idle_exit_s;
     uint64_t idle_since_ns;
-    uint64_t next_connection_id;
+    bool said_bye;
 };
 
 static void on_frame(void *user, struct skd_connection *connection, struct skd_frame *frame)
@@ -43,46 +48,21 @@ static void on_broken(void *user, struct skd_connection *connection, const struc
     skd_route_refuse(connection, &none, error);
 }
 
+static void on_drained(void *user, struct skd_connection *connection)
+{
+    skd_updates_drained(user, connection);
+    skd_live_resume(user);
+}
+
 /* Its calls go on: what a client had sent whole is done, though nobody hears the answer. */
 static void on_closed(void *user, struct skd_connection *connection)
 {
     struct skd_daemon *daemon = user;
-    struct skd_live *live, *next;
     if (skd_hash_added(connection))
         HASH_DEL(daemon->connections, connection);
-    HASH_ITER(hh, daemon->sessions, live, next)
-    skd_live_detach(live, connection->id);
+    skd_presence_leave(daemon, connection);
+    skd_live_resume(daemon);
     skd_log(SKD_LOG_DEBUG, "connection %llu is gone", (unsigned long long)connection->id);
-}
-
-static void on_client(uv_stream_t *stream, int status)
-{
-    struct server *server = stream->data;
-    struct skd_daemon *daemon = &server->daemon;
-    const struct skd_connection_events events = {daemon, on_frame, on_broken, on_closed};
-    if (status < 0) {
-        skd_log(SKD_LOG_WARNING, "a client could not be accepted: %s", uv_strerror(status));
-        return;
-    }
-    struct skd_connection *connection =
-        skd_connection_accept(stream, ++server->next_connection_id, &events);
-    if (connection == NULL)
-        return;
-    HASH_ADD(hh, daemon->connections, id, sizeof connection->id, connection);
-    if (!skd_hash_added(connection)) {
-        skd_connection_close(connection);
-        return;
-    }
-    if (HASH_COUNT(daemon->connections) > SKD_CONNECTIONS_MAX) {
-        struct skd_error error;
-        const struct skd_request_id none = {.kind = SKD_ID_NONE};
-        (void)skd_fail(&error, SKD_BUSY, "%d connections are open, which is the limit",
-                       SKD_CONNECTIONS_MAX);
-        skd_route_refuse(connection, &none, &error);
-        skd_connection_drain(connection);
-        return;
-    }
-    skd_connection_start(connection);
 }
 
 static void say_bye(struct skd_connection *connection, const char *reason)
@@ -98,7 +78,18 @@ static void say_bye(struct skd_connection *connection, const char *reason)
             skd_connection_send(connection, outgoing);
         skd_outgoing_release(outgoing);
     }
-    skd_connection_drain(connection);
+}
+
+static void on_stalled(void *user, struct skd_connection *connection)
+{
+    const struct server *server = user;
+    char reason[128];
+    (void)snprintf(reason, sizeof reason,
+                   "you read nothing for %llu s; connect again to get what you missed",
+                   (unsigned long long)(server->door.net.stall_ms / 1000));
+    skd_log(SKD_LOG_WARNING, "connection %llu (%s) is dropped: it reads nothing",
+            (unsigned long long)connection->id, connection->client);
+    say_bye(connection, reason);
 }
 
 /* The first call that was not told to stop yet. Cancelling may end other calls as well, so the
@@ -114,16 +105,27 @@ static struct skd_call *next_to_cancel(const struct skd_daemon *daemon)
     return NULL;
 }
 
-/* Once the last call has ended its answer is queued, and the connections can go. */
+/* Once the last call has ended its answer is queued, and the connections can go; after the last of
+ * them the loop ends. */
 static void on_stopping(uv_timer_t *timer)
 {
-    struct skd_daemon *daemon = &((struct server *)timer->data)->daemon;
+    struct server *server = timer->data;
+    struct skd_daemon *daemon = &server->daemon;
     struct skd_connection *connection, *next;
     if (daemon->calls != NULL)
         return;
-    HASH_ITER(hh, daemon->connections, connection, next)
-    say_bye(connection, "skind is stopping");
+    if (!server->said_bye) {
+        HASH_ITER(hh, daemon->connections, connection, next)
+        {
+            say_bye(connection, "skind is stopping");
+            skd_connection_drain(connection);
+        }
+        server->said_bye = true;
+    }
+    if (daemon->connections != NULL)
+        return;
     uv_close((uv_handle_t *)timer, NULL);
+    uv_stop(daemon->loop); /* the journal would keep the loop waiting for its next record */
 }
 
 static void stop(struct skd_daemon *daemon, const char *reason)
@@ -134,7 +136,7 @@ static void stop(struct skd_daemon *daemon, const char *reason)
         return;
     daemon->stopping = true;
     skd_log(SKD_LOG_INFO, "stopping: %s", reason);
-    skd_listener_close(&server->listener);
+    skd_door_close(&server->door);
     uv_close((uv_handle_t *)&server->signals[0], NULL);
     uv_close((uv_handle_t *)&server->signals[1], NULL);
     /* Told once is enough: a second signal must not cut off what is being finished. */
@@ -158,8 +160,8 @@ static void watch_signal(struct server *server, uv_signal_t *signal, int number)
     uv_signal_start(signal, on_signal, number);
 }
 
-/* Idle: nobody connected, nothing under way, and no session holds weights that were never
- * exported. */
+/* Idle: nobody connected, nothing under way, and every session is on the disk or holds nothing that
+ * was not exported. */
 static bool is_idle(const struct skd_daemon *daemon)
 {
     const struct skd_live *live, *next;
@@ -167,7 +169,8 @@ static bool is_idle(const struct skd_daemon *daemon)
         return false;
     HASH_ITER(hh, daemon->sessions, live, next)
     {
-        if (live->session == NULL || live->session->revision != live->session->exported)
+        if (live->session == NULL ||
+            (live->journal == NULL && live->session->revision != live->session->exported))
             return false;
     }
     return true;
@@ -187,17 +190,22 @@ static void close_sessions(struct skd_daemon *daemon)
 {
     struct skd_live *live, *next;
     HASH_ITER(hh, daemon->sessions, live, next)
-    skd_session_close(daemon, live, "skind is stopping");
+    skd_session_close(daemon, live, SKD_KEEPING_STAYS, "skind is stopping");
 }
 
-/* SKD_CONNECTIONS_MAX connections and the files of the rigs are more than the usual 1024. */
-static void allow_descriptors(void)
+static void do_nothing(uv_work_t *work)
 {
-    struct rlimit limit;
-    if (getrlimit(RLIMIT_NOFILE, &limit) != 0)
-        return;
-    limit.rlim_cur = limit.rlim_max;
-    (void)setrlimit(RLIMIT_NOFILE, &limit);
+    (void)work;
+}
+
+/* libuv starts its threads with the first work, and ends the process when it cannot: that must be
+ * while nobody has anything to lose. */
+static void start_workers(struct server *server)
+{
+    uv_work_t work;
+    int result = uv_queue_work(&server->loop, &work, do_nothing, NULL);
+    SKD_ASSERT(result == 0);
+    uv_run(&server->loop, UV_RUN_DEFAULT);
 }
 
 /* The state as it is before the first client; libuv's pool is the worker pool and reads its size
@@ -206,8 +214,15 @@ static void set_up(struct server *server, const struct skd_daemon_options *optio
 {
     struct skd_daemon *daemon = &server->daemon;
     char workers[16];
+    skd_memory_reserve_start();
+    skd_json_memory_watch();
     *server = (struct server){.idle_exit_s = options->idle_exit_s};
-    daemon->loop = &server->loop;
+    server->door.net = (struct skd_net){
+        .events = {server, on_frame, on_broken, on_stalled, on_drained, on_closed},
+        .stall_ms = (uint64_t)options->stall_timeout_s * 1000,
+    };
+    daemon->loop = daemon->importer.loop = &server->loop;
+    skd_memory_set_limits(daemon, options->memory_mib << 20, options->session_memory_mib << 20);
     daemon->stop = stop;
     daemon->started_ns = server->idle_since_ns = uv_hrtime();
     daemon->worker_count =
@@ -215,38 +230,51 @@ static void set_up(struct server *server, const struct skd_daemon_options *optio
     (void)snprintf(workers, sizeof workers, "%d", daemon->worker_count);
     setenv("UV_THREADPOOL_SIZE", workers, 1);
     signal(SIGPIPE, SIG_IGN);
-    allow_descriptors();
+    signal(SIGCHLD, SIG_DFL); /* ignored by whoever started us, ends of imports would be lost */
+    signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is an error of its write */
     uv_loop_init(&server->loop);
+    start_workers(server);
 }
 
 /* From the first client to the last. */
 static void serve(struct server *server)
 {
-    server->listener.pipe.data = server;
     watch_signal(server, &server->signals[0], SIGTERM);
     watch_signal(server, &server->signals[1], SIGINT);
     uv_timer_init(&server->loop, &server->timer);
     server->timer.data = server;
     if (server->idle_exit_s > 0)
         uv_timer_start(&server->timer, on_idle_check, IDLE_CHECK_MS, IDLE_CHECK_MS);
-    skd_log(SKD_LOG_INFO, "listening on %s with %d workers", server->listener.path,
+    if (server->door.tcp_open)
+        skd_log(SKD_LOG_INFO, "listening on port %d of 127.0.0.1, the token is in %s",
+                server->door.tcp.port, server->door.tcp.token_path);
+    skd_log(SKD_LOG_INFO, "listening on %s with %d workers", server->door.listener.path,
             server->daemon.worker_count);
     uv_run(&server->loop, UV_RUN_DEFAULT);
     close_sessions(&server->daemon);
+    skd_keeping_stop(&server->daemon);
     skd_log(SKD_LOG_INFO, "stopped");
 }
 
 enum skd_status skd_daemon_run(const struct skd_daemon_options *options, struct skd_error *error)
 {
     static struct server server;
-    char path[SKD_SOCKET_PATH_BYTES];
+    char path[SKD_SOCKET_PATH_BYTES], state[SKD_STATE_PATH_BYTES];
     enum skd_status status = skd_socket_path(options->socket_path, path, error);
+    if (status == SKD_OK)
+        status = skd_state_folder(path, options->state_folder, state, error);
     if (status != SKD_OK)
         return status;
     set_up(&server, options);
-    status = skd_listener_open(&server.listener, &server.loop, path, on_client, error);
-    if (status == SKD_OK)
-        serve(&server);
+    /* Who connects from here on is served once the kept sessions are open. */
+    status = skd_door_open(&server.door, &server.daemon, path, options->tcp_port, error);
+    if (status == SKD_OK) {
+        status = skd_keeping_start(&server.daemon, state, error);
+        if (status == SKD_OK)
+            serve(&server);
+        else
+            skd_door_close(&server.door);
+    }
     uv_run(&server.loop, UV_RUN_DEFAULT); /* the last close callbacks */
     int left = uv_loop_close(&server.loop);
     SKD_ASSERT(left == 0);

@@ -49,9 +49,15 @@ enum skd_status {
     SKD_BAD_RIG,
     SKD_TOO_MANY_INFLUENCES,
     SKD_SOURCE_CHANGED,
+    SKD_DAMAGED,
+    SKD_NEWER,
     /* history */
     SKD_NOTHING_TO_UNDO,
     SKD_NOTHING_TO_REDO,
+    SKD_CONFLICT,
+    SKD_STALE_SEQUENCE,
+    /* who may enter */
+    SKD_BAD_TOKEN,
     SKD_STATUS_COUNT
 };
 

@@ -1,22 +1,19 @@
 /* See connection.h. */
 #include "net/connection.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 
-enum { LINGER_MS = 2000 };
+enum { LINGER_MS = 2000, LOOKS_PER_STALL = 4 };
 
 /* Reading stops while more than this waits to be written. */
-static const size_t BACKLOG_BYTES = (size_t)16 << 20;
-
-struct write_request {
-    uv_write_t uv;
-    struct skd_connection *connection;
-    struct skd_outgoing *outgoing;
-    uv_buf_t buffers[1 + 2 * SKD_ARRAYS_MAX];
-};
+static const size_t BACKLOG_BYTES = (size_t)4 << 20;
 
 static void read_more(struct skd_connection *connection);
+static void on_written(void *user, int status);
+static void on_room(void *user);
 
 static void on_handle_closed(uv_handle_t *handle)
 {
@@ -27,41 +24,86 @@ static void on_handle_closed(uv_handle_t *handle)
     free(connection);
 }
 
-struct skd_connection *skd_connection_accept(uv_stream_t *listening, uint64_t id,
-                                             const struct skd_connection_events *events)
+static void close_handles(struct skd_connection *connection)
+{
+    connection->closing = true;
+    uv_close(&connection->peer.handle, on_handle_closed);
+    uv_close((uv_handle_t *)&connection->timer, on_handle_closed);
+}
+
+/* For who gives none in hello: one that nobody had, not even with an earlier daemon, whose sessions
+ * still know who did what. */
+static void make_client_id(struct skd_connection *connection)
+{
+    uint64_t number;
+    ssize_t got = getrandom(&number, sizeof number, 0); /* eight bytes come whole or not at all */
+    SKD_ASSERT(got == (ssize_t)sizeof number);
+    (void)snprintf(connection->client_id, sizeof connection->client_id, "c%llu-%016llx",
+                   (unsigned long long)connection->id, (unsigned long long)number);
+}
+
+struct skd_connection *skd_connection_accept(struct skd_net *net, uv_stream_t *listening,
+                                             uint64_t id)
 {
     struct skd_connection *connection = calloc(1, sizeof *connection);
     if (connection == NULL)
         return NULL;
     connection->id = id;
-    connection->events = *events;
-    connection->pipe.data = connection;
-    connection->linger.data = connection;
+    make_client_id(connection);
+    connection->net = net;
+    connection->share.user = connection->queue.user = connection;
+    connection->share.granted = on_room;
+    connection->queue.written = on_written;
+    connection->queue.stream = &connection->peer.stream;
     skd_reader_init(&connection->reader);
-    uv_pipe_init(listening->loop, &connection->pipe, 0);
-    uv_timer_init(listening->loop, &connection->linger);
+    if (listening->type == UV_TCP)
+        uv_tcp_init(listening->loop, &connection->peer.tcp);
+    else
+        uv_pipe_init(listening->loop, &connection->peer.pipe, 0);
+    uv_timer_init(listening->loop, &connection->timer);
+    connection->peer.handle.data = connection->timer.data = connection;
     connection->open_handles = 2;
-    if (uv_accept(listening, (uv_stream_t *)&connection->pipe) == 0)
+    if (uv_accept(listening, &connection->peer.stream) == 0) {
+        if (listening->type == UV_TCP)
+            uv_tcp_nodelay(&connection->peer.tcp, 1);
         return connection;
-    connection->closing = true;
-    uv_close((uv_handle_t *)&connection->pipe, on_handle_closed);
-    uv_close((uv_handle_t *)&connection->linger, on_handle_closed);
+    }
+    close_handles(connection);
     return NULL;
+}
+
+static uint64_t now_ms(const struct skd_connection *connection)
+{
+    return uv_now(connection->timer.loop);
+}
+
+static void give_room(struct skd_connection *connection)
+{
+    skd_room_give(&connection->net->room, &connection->share, now_ms(connection));
 }
 
 void skd_connection_close(struct skd_connection *connection)
 {
+    struct skd_net *net = connection->net;
     if (connection->closing)
         return;
     connection->closing = true;
-    connection->events.closed(connection->events.user, connection);
-    uv_close((uv_handle_t *)&connection->pipe, on_handle_closed);
-    uv_close((uv_handle_t *)&connection->linger, on_handle_closed);
+    net->events.closed(net->events.user, connection);
+    skd_send_queue_drop(&connection->queue);
+    give_room(connection);
+    close_handles(connection);
 }
 
-size_t skd_connection_backlog(const struct skd_connection *connection)
+bool skd_connection_idle(const struct skd_connection *connection)
 {
-    return uv_stream_get_write_queue_size((const uv_stream_t *)&connection->pipe);
+    return !connection->closing && !connection->draining &&
+           skd_send_queue_bytes(&connection->queue) == 0;
+}
+
+bool skd_connection_full(const struct skd_connection *connection)
+{
+    return !connection->closing && !connection->draining &&
+           skd_send_queue_bytes(&connection->queue) > BACKLOG_BYTES;
 }
 
 /* Closes a connection that has nothing left to say: draining, or the peer's end was reached and
@@ -69,7 +111,7 @@ size_t skd_connection_backlog(const struct skd_connection *connection)
 static void close_if_done(struct skd_connection *connection)
 {
     bool done = connection->draining || (connection->ended && connection->unanswered == 0);
-    if (done && !connection->closing && skd_connection_backlog(connection) == 0)
+    if (done && !connection->closing && skd_send_queue_bytes(&connection->queue) == 0)
         skd_connection_close(connection);
 }
 
@@ -78,21 +120,85 @@ static void on_linger(uv_timer_t *timer)
     skd_connection_close(timer->data);
 }
 
-void skd_connection_drain(struct skd_connection *connection)
+static void drain(struct skd_connection *connection, uint64_t linger_ms)
 {
     if (connection->closing || connection->draining)
         return;
     connection->draining = true;
-    uv_read_stop((uv_stream_t *)&connection->pipe);
-    uv_timer_start(&connection->linger, on_linger, LINGER_MS, 0);
+    uv_read_stop(&connection->peer.stream);
+    give_room(connection);
+    uv_timer_start(&connection->timer, on_linger, linger_ms, 0);
     close_if_done(connection);
+}
+
+void skd_connection_drain(struct skd_connection *connection)
+{
+    drain(connection, LINGER_MS);
 }
 
 static void break_off(struct skd_connection *connection, const struct skd_error *error)
 {
-    connection->events.broken(connection->events.user, connection, error);
+    const struct skd_connection_events *events = &connection->net->events;
+    events->broken(events->user, connection, error);
     skd_connection_drain(connection);
 }
+
+/* ---- who stands still --------------------------------------------------------------------- */
+
+/* The peer reads nothing: what waits goes, what is half written is finished, and one last message
+ * tells why. It has as long again to read that. */
+static void drop_stalled(struct skd_connection *connection)
+{
+    const struct skd_connection_events *events = &connection->net->events;
+    skd_send_queue_drop(&connection->queue);
+    events->stalled(events->user, connection);
+    connection->deaf = true;
+    drain(connection, connection->net->stall_ms);
+}
+
+/* Somebody waits for room while another has begun a message and sends no more of it. */
+static void free_room(struct skd_connection *connection)
+{
+    const struct skd_net *net = connection->net;
+    struct skd_room_share *stuck = skd_room_stuck(&net->room, now_ms(connection), net->stall_ms);
+    struct skd_error error;
+    if (stuck == NULL)
+        return;
+    (void)skd_fail(&error, SKD_BUSY,
+                   "nothing came of a large message for %llu s, and others wait for its room",
+                   (unsigned long long)(net->stall_ms / 1000));
+    break_off(stuck->user, &error);
+}
+
+static void on_look(uv_timer_t *timer)
+{
+    struct skd_connection *connection = timer->data;
+    const bool waits_for_room = (connection->holds & SKD_HOLD_ROOM) != 0;
+    const bool writes = skd_send_queue_bytes(&connection->queue) > 0;
+    const size_t unread = skd_send_queue_unread(&connection->queue);
+    if (!writes || unread < connection->unread_seen)
+        connection->progress_ms = now_ms(connection);
+    connection->unread_seen = unread;
+    if (waits_for_room)
+        free_room(connection);
+    if (writes && now_ms(connection) - connection->progress_ms >= connection->net->stall_ms)
+        drop_stalled(connection);
+    else if (!writes && !waits_for_room)
+        uv_timer_stop(timer);
+}
+
+/* Looks at the connection now and then until nothing waits. */
+static void look_after(struct skd_connection *connection)
+{
+    const uint64_t every_ms = connection->net->stall_ms / LOOKS_PER_STALL;
+    if (connection->draining || uv_is_active((uv_handle_t *)&connection->timer))
+        return;
+    connection->progress_ms = now_ms(connection);
+    connection->unread_seen = 0;
+    uv_timer_start(&connection->timer, on_look, every_ms, every_ms);
+}
+
+/* ---- in ----------------------------------------------------------------------------------- */
 
 static void on_space(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
 {
@@ -106,6 +212,23 @@ static void on_space(uv_handle_t *handle, size_t suggested, uv_buf_t *buffer)
     /* libuv's lengths are unsigned int on some systems. */
     size_t most = (size_t)1 << 30;
     *buffer = uv_buf_init((char *)space, (unsigned)(space_bytes < most ? space_bytes : most));
+}
+
+static void on_room(void *user)
+{
+    skd_connection_unhold(user, SKD_HOLD_ROOM);
+}
+
+/* A large message asks for room as soon as its size is known. */
+static void mind_room(struct skd_connection *connection)
+{
+    const size_t bytes = skd_reader_announced(&connection->reader);
+    connection->share.fed_ms = now_ms(connection);
+    if (bytes <= SKD_ROOM_FREE_BYTES || connection->share.bytes > 0 ||
+        skd_room_take(&connection->net->room, &connection->share, bytes, now_ms(connection)))
+        return;
+    skd_connection_hold(connection, SKD_HOLD_ROOM);
+    look_after(connection);
 }
 
 static void on_read(uv_stream_t *stream, ssize_t bytes, const uv_buf_t *buffer)
@@ -127,6 +250,7 @@ static void on_read(uv_stream_t *stream, ssize_t bytes, const uv_buf_t *buffer)
     } else if (skd_reader_advance(&connection->reader, (size_t)bytes, &error) != SKD_OK) {
         break_off(connection, &error);
     } else {
+        mind_room(connection);
         read_more(connection);
     }
 }
@@ -137,13 +261,16 @@ static void on_read(uv_stream_t *stream, ssize_t bytes, const uv_buf_t *buffer)
 static void read_more(struct skd_connection *connection)
 {
     struct skd_frame frame;
-    uv_stream_t *stream = (uv_stream_t *)&connection->pipe;
+    const struct skd_connection_events *events = &connection->net->events;
+    uv_stream_t *stream = &connection->peer.stream;
     if (connection->handing_out)
         return;
     connection->handing_out = true;
     while (connection->holds == 0 && !connection->closing && !connection->draining &&
-           skd_reader_take(&connection->reader, &frame))
-        connection->events.frame(connection->events.user, connection, &frame);
+           skd_reader_take(&connection->reader, &frame)) {
+        give_room(connection);
+        events->frame(events->user, connection, &frame);
+    }
     connection->handing_out = false;
     if (connection->closing || connection->draining || connection->ended)
         return;
@@ -155,7 +282,14 @@ static void read_more(struct skd_connection *connection)
 
 void skd_connection_start(struct skd_connection *connection)
 {
+    skd_reader_limit(&connection->reader, SKD_HELLO_BYTES_MAX);
     read_more(connection);
+}
+
+void skd_connection_greet(struct skd_connection *connection)
+{
+    connection->greeted = true;
+    skd_reader_limit(&connection->reader, 0);
 }
 
 enum skd_wire_mode skd_connection_mode(const struct skd_connection *connection)
@@ -191,53 +325,37 @@ void skd_connection_answered(struct skd_connection *connection)
     close_if_done(connection);
 }
 
-static void on_written(uv_write_t *uv, int status)
+/* ---- out ---------------------------------------------------------------------------------- */
+
+static void on_written(void *user, int status)
 {
-    struct write_request *request = (struct write_request *)uv;
-    struct skd_connection *connection = request->connection;
-    skd_outgoing_release(request->outgoing);
-    free(request);
+    struct skd_connection *connection = user;
+    const struct skd_connection_events *events = &connection->net->events;
     if (connection->closing)
         return;
     if (status < 0) {
         skd_connection_close(connection);
         return;
     }
-    if (skd_connection_backlog(connection) <= BACKLOG_BYTES)
+    connection->progress_ms = now_ms(connection);
+    if (!skd_connection_full(connection))
         skd_connection_unhold(connection, SKD_HOLD_WRITES);
+    if (skd_connection_idle(connection))
+        events->drained(events->user, connection);
     if (!connection->closing)
         close_if_done(connection);
 }
 
 void skd_connection_send(struct skd_connection *connection, struct skd_outgoing *outgoing)
 {
-    if (connection->closing)
+    if (connection->closing || connection->deaf)
         return;
-    struct write_request *request = malloc(sizeof *request);
-    if (request == NULL) {
+    if (!skd_send_queue_push(&connection->queue, outgoing)) {
         skd_connection_close(connection);
         return;
     }
-    const struct skd_encoded *encoded = &outgoing->encoded;
-    unsigned count = 0;
-    request->connection = connection;
-    request->outgoing = skd_outgoing_hold(outgoing);
-    request->buffers[count++] = uv_buf_init((char *)encoded->head, (unsigned)encoded->head_bytes);
-    for (int i = 0; i < encoded->piece_count; i++) {
-        const struct skd_piece *piece = &encoded->pieces[i];
-        /* uv_buf_t has no const; libuv only reads what it writes out. */
-        if (piece->bytes > 0)
-            request->buffers[count++] = uv_buf_init((char *)piece->data, (unsigned)piece->bytes);
-        if (piece->padding > 0)
-            request->buffers[count++] = uv_buf_init((char *)skd_zeros, (unsigned)piece->padding);
-    }
-    if (uv_write(&request->uv, (uv_stream_t *)&connection->pipe, request->buffers, count,
-                 on_written) != 0) {
-        skd_outgoing_release(request->outgoing);
-        free(request);
-        skd_connection_close(connection);
-        return;
-    }
-    if (skd_connection_backlog(connection) > BACKLOG_BYTES)
+    if (skd_send_queue_bytes(&connection->queue) > 0)
+        look_after(connection);
+    if (skd_connection_full(connection))
         skd_connection_hold(connection, SKD_HOLD_WRITES);
 }

@@ -19,9 +19,13 @@ static enum skd_status check_folder(const char *path, struct skd_error *error)
     const char *slash = strrchr(path, '/');
     int length = slash > path ? (int)(slash - path) : 1;
     (void)snprintf(folder, sizeof folder, "%.*s", length, path);
-    if (mkdir(folder, 0700) != 0 && errno != EEXIST)
+    const bool made = mkdir(folder, 0700) == 0;
+    if (!made && errno != EEXIST)
         return skd_fail(error, SKD_FILE_IO, "cannot make the socket's folder %s: %s", folder,
                         strerror(errno));
+    if (made && chmod(folder, 0700) != 0) /* the umask may have taken our own rights */
+        return skd_fail(error, SKD_FILE_IO, "cannot set the mode of the socket's folder %s: %s",
+                        folder, strerror(errno));
     if (lstat(folder, &info) != 0)
         return skd_fail(error, SKD_FILE_IO, "cannot look at the socket's folder %s: %s", folder,
                         strerror(errno));
@@ -43,7 +47,14 @@ static enum skd_status take_lock(struct skd_listener *listener, struct skd_error
     listener->lock = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
     if (listener->lock < 0)
         return skd_fail(error, SKD_FILE_IO, "cannot open the lock file %s: %s", path,
-                        strerror(errno));
+                        errno == ELOOP ? "it is a symlink; remove it" : strerror(errno));
+    struct stat info;
+    if (fstat(listener->lock, &info) != 0 || !S_ISREG(info.st_mode) || info.st_uid != geteuid() ||
+        fchmod(listener->lock, 0600) != 0)
+        return skd_fail(error, SKD_FILE_IO,
+                        "the lock file %s must be a file of yours; remove it, or choose another "
+                        "socket with --socket",
+                        path);
     if (flock(listener->lock, LOCK_EX | LOCK_NB) != 0) {
         ssize_t got = read(listener->lock, pid, sizeof pid - 1);
         pid[got > 0 ? strcspn(pid, "\n") : 0] = '\0';
@@ -92,6 +103,8 @@ enum skd_status skd_listener_open(struct skd_listener *listener, uv_loop_t *loop
     mode_t before = umask(0177);
     int result = uv_pipe_bind(&listener->pipe, path);
     umask(before);
+    if (result == 0 && chmod(path, 0600) != 0)
+        result = uv_translate_sys_error(errno);
     if (result == 0)
         result = uv_listen((uv_stream_t *)&listener->pipe, BACKLOG, on_client);
     if (result == 0)
