@@ -121,6 +121,8 @@ enum skd_status skd_session_create(struct skd_rig *rig, const struct skd_influen
         goto fail;
     memcpy(session->anchor, session->weights, count * sizeof *session->anchor);
     session->rest = rig->mesh.rest;
+    session->history.bytes_max = SKD_HISTORY_BYTES_DEFAULT;
+    skd_session_new_instance(session->instance);
     size_t bones = (size_t)rig->skeleton.bone_count;
     skd_sheets_init(&session->pins, SKD_PIN_NUMBERS, -1, rig->mesh.vertex_count, bones);
     skd_sheets_init(&session->shapes, SKD_SHAPE_NUMBERS, 0, rig->mesh.vertex_count, bones);

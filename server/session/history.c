@@ -4,6 +4,16 @@
 #include <stdlib.h>
 #include <string.h>
 
+const char *skd_cause_word(enum skd_cause cause)
+{
+    static const char *const words[] = {
+#define SKD_CAUSE_WORD(name, word) word,
+        SKD_CAUSES(SKD_CAUSE_WORD)
+#undef SKD_CAUSE_WORD
+    };
+    return words[cause];
+}
+
 struct skd_step *skd_step_create(size_t count, int slot_count)
 {
     /* count is below SKD_VERTICES_MAX and slot_count below SKD_SLOT_COUNT_MAX: no overflow. */
@@ -100,6 +110,7 @@ static void drop_undone(struct skd_history *history)
     while (history->count > history->position) {
         struct skd_step *step = history->steps[--history->count];
         history->bytes -= skd_step_bytes(step);
+        step->in_history = false;
         skd_step_release(step);
     }
 }
@@ -108,21 +119,34 @@ static void drop_undone(struct skd_history *history)
 static size_t count_surplus(const struct skd_history *history, size_t count, size_t bytes)
 {
     size_t surplus = 0;
-    while (surplus + 1 < count && bytes > SKD_HISTORY_BYTES_MAX)
+    while (surplus + 1 < count && bytes > history->bytes_max)
         bytes -= skd_step_bytes(history->steps[surplus++]);
     return surplus;
 }
 
-static void drop_oldest(struct skd_history *history)
+static size_t drop_oldest(struct skd_history *history)
 {
     size_t dropped = count_surplus(history, history->count, history->bytes);
+    if (dropped > history->position)
+        dropped = history->position; /* what was undone goes with the next step */
     for (size_t i = 0; i < dropped; i++) {
+        const uint64_t revision = history->steps[i]->revision;
+        history->base_revision = revision != 0 ? revision : SKD_REVISION_NONE;
         history->bytes -= skd_step_bytes(history->steps[i]);
+        history->steps[i]->in_history = false;
         skd_step_release(history->steps[i]);
     }
     history->count -= dropped;
     history->position -= dropped;
-    memmove(history->steps, history->steps + dropped, history->count * sizeof *history->steps);
+    if (dropped > 0)
+        memmove(history->steps, history->steps + dropped, history->count * sizeof *history->steps);
+    return dropped;
+}
+
+size_t skd_history_limit(struct skd_history *history, size_t bytes_max)
+{
+    history->bytes_max = bytes_max;
+    return drop_oldest(history);
 }
 
 size_t skd_history_steps_with(const struct skd_history *history, const struct skd_step *step)
@@ -133,14 +157,15 @@ size_t skd_history_steps_with(const struct skd_history *history, const struct sk
     return count - count_surplus(history, count, bytes);
 }
 
-void skd_history_push(struct skd_history *history, struct skd_step *step)
+size_t skd_history_push(struct skd_history *history, struct skd_step *step)
 {
     drop_undone(history);
     SKD_ASSERT(history->count < history->capacity);
     history->steps[history->count++] = skd_step_hold(step);
+    step->in_history = true;
     history->position = history->count;
     history->bytes += skd_step_bytes(step);
-    drop_oldest(history);
+    return drop_oldest(history);
 }
 
 struct skd_step *skd_history_undoable(const struct skd_history *history)
@@ -153,10 +178,32 @@ struct skd_step *skd_history_redoable(const struct skd_history *history)
     return history->position < history->count ? history->steps[history->position] : NULL;
 }
 
-void skd_history_move(struct skd_history *history, int direction)
+/* Moves one step to another place. */
+static void take(struct skd_history *history, size_t from, size_t to)
 {
-    SKD_ASSERT(direction < 0 ? history->position > 0 : history->position < history->count);
-    history->position = direction < 0 ? history->position - 1 : history->position + 1;
+    struct skd_step *step = history->steps[from];
+    for (; from < to; from++)
+        history->steps[from] = history->steps[from + 1];
+    for (; from > to; from--)
+        history->steps[from] = history->steps[from - 1];
+    history->steps[to] = step;
+}
+
+void skd_history_move(struct skd_history *history, int direction, size_t index, uint64_t revision)
+{
+    size_t boundary = direction < 0 ? history->position - 1 : history->position;
+    SKD_ASSERT(direction < 0 ? index < history->position
+                             : index >= history->position && index < history->count);
+    history->position = direction < 0 ? boundary : boundary + 1;
+    if (index == boundary)
+        return;
+    /* What was passed by is in another order than it was made in: of the states on the way only
+     * the one that is reached now is ever told. */
+    take(history, index, boundary);
+    size_t first = index < boundary ? index : boundary, last = index + boundary - first;
+    for (size_t i = first; i <= last; i++)
+        history->steps[i]->revision = 0;
+    history->steps[history->position - 1]->revision = revision;
 }
 
 static void keep_sheets(const struct skd_sheet_change *change, const struct skd_sheets *sheets)

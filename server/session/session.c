@@ -3,8 +3,10 @@
 
 #include "session/bits.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 
 static size_t weight_count(const struct skd_session *session)
 {
@@ -15,6 +17,7 @@ void skd_session_destroy(struct skd_session *session)
 {
     if (session == NULL)
         return;
+    skd_remembered_finish(&session->remembered);
     skd_history_finish(&session->history);
     skd_sheets_finish(&session->pins);
     skd_sheets_finish(&session->shapes);
@@ -31,6 +34,15 @@ void skd_session_destroy(struct skd_session *session)
     free(session->source);
     skd_rig_destroy(session->rig);
     free(session);
+}
+
+void skd_session_new_instance(char instance[SKD_INSTANCE_BYTES + 1])
+{
+    uint64_t number;
+    /* Eight bytes come whole or not at all (getrandom(2)), and only a kernel without it fails. */
+    ssize_t got = getrandom(&number, sizeof number, 0);
+    SKD_ASSERT(got == (ssize_t)sizeof number);
+    (void)snprintf(instance, SKD_INSTANCE_BYTES + 1, "%016llx", (unsigned long long)number);
 }
 
 enum skd_status skd_session_keep_start(struct skd_session *session, struct skd_error *error)
@@ -164,7 +176,7 @@ void skd_session_write(struct skd_session *session, const struct skd_step *step,
 void skd_session_account(struct skd_session *session)
 {
     size_t bytes = skd_sheets_bytes(&session->pins) + skd_sheets_bytes(&session->shapes) +
-                   skd_guards_bytes(&session->guards);
+                   skd_guards_bytes(&session->guards) + session->remembered.bytes;
     if (session->start_joints != NULL)
         bytes += weight_count(session) * (sizeof(uint16_t) + sizeof(float));
     if (session->rest != session->rig->mesh.rest)

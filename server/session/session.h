@@ -9,9 +9,11 @@
 
 #include "protocol/limits.h"
 #include "rig/rig.h"
+#include "session/durability.h"
 #include "session/guards.h"
 #include "session/history.h"
 #include "session/poses.h"
+#include "session/remembered.h"
 #include "session/sheet.h"
 #include "solver/slots.h"
 
@@ -22,8 +24,14 @@ struct skd_reduction {
     double max;
 };
 
+enum { SKD_INSTANCE_BYTES = 16 }; /* hexadecimal digits */
+
 struct skd_session {
     char name[SKD_SESSION_NAME_BYTES_MAX + 1];
+    /* Names this line of revisions: a fork, or a session that lost its newest steps, has another. */
+    char instance[SKD_INSTANCE_BYTES + 1];
+    enum skd_durability durability;
+    char damage[SKD_ERROR_TEXT_BYTES]; /* what its file had lost when it was read; "": nothing */
     char *source; /* the file's path, or "" for arrays */
     struct skd_rig *rig;
     int slot_count;   /* N: 4 or 8 */
@@ -45,10 +53,13 @@ struct skd_session {
     struct skd_reduction reduction;
     struct skd_poses poses;
     struct skd_history history;
+    struct skd_remembered remembered;
 };
 
-/* What becomes of influences beyond the slots (session/reduction.h). */
 void skd_session_destroy(struct skd_session *session); /* NULL is fine */
+
+/* A new instance, at random. */
+void skd_session_new_instance(char instance[SKD_INSTANCE_BYTES + 1]);
 
 /* Before a step that changes slots or rest positions: keeps what was at the start, so that writing
  * cannot fail. Errors: SKD_NO_MEMORY. */

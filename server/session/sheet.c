@@ -96,6 +96,17 @@ static enum skd_status make_room(struct skd_sheets *sheets, struct skd_error *er
     return SKD_OK;
 }
 
+/* Which of two poses' sheets stands first: by name, and of one name by matrices. The order in which
+ * strokes add poses up decides last bits, so it must not depend on what was tried before. */
+static bool stands_before(const struct skd_sheets *sheets, const struct skd_pose *a,
+                          const struct skd_pose *b)
+{
+    int names = strcmp(a->name, b->name);
+    return names != 0 ? names < 0
+                      : memcmp(a->matrices, b->matrices,
+                               sheets->bone_count * SKD_MATRIX_SIZE * sizeof(double)) < 0;
+}
+
 static struct skd_sheet *add(struct skd_sheets *sheets, struct skd_pose *pose)
 {
     struct skd_sheet *sheet = calloc(1, sizeof *sheet);
@@ -109,7 +120,10 @@ static struct skd_sheet *add(struct skd_sheets *sheets, struct skd_pose *pose)
         return NULL;
     }
     sheet->pose = skd_pose_hold(pose);
-    sheets->items[sheets->count++] = sheet;
+    size_t place = sheets->count++;
+    for (; place > 0 && stands_before(sheets, pose, sheets->items[place - 1]->pose); place--)
+        sheets->items[place] = sheets->items[place - 1];
+    sheets->items[place] = sheet;
     return sheet;
 }
 

@@ -36,7 +36,7 @@ struct skd_sheets {
     size_t bone_count;
     size_t count; /* those that no row is in, too: steps of the history may still fill them */
     size_t capacity;
-    struct skd_sheet **items; /* [capacity] owned */
+    struct skd_sheet **items; /* [capacity] owned; in the order of their poses' names */
 };
 
 void skd_sheets_init(struct skd_sheets *sheets, int width, float blank, size_t vertex_count,

@@ -104,14 +104,14 @@ static void push(struct skd_history *history, size_t vertices)
 static void history_goes_back_and_forth(void **state)
 {
     (void)state;
-    struct skd_history history = {0};
+    struct skd_history history = {.bytes_max = SKD_HISTORY_BYTES_DEFAULT};
     assert_null(skd_history_undoable(&history));
     for (size_t i = 1; i <= 40; i++)
         push(&history, i);
     assert_int_equal(skd_history_undoable(&history)->count, 40);
     assert_null(skd_history_redoable(&history));
-    skd_history_move(&history, -1);
-    skd_history_move(&history, -1);
+    skd_history_move(&history, -1, 39, 41);
+    skd_history_move(&history, -1, 38, 42);
     assert_int_equal(skd_history_undoable(&history)->count, 38);
     assert_int_equal(skd_history_redoable(&history)->count, 39);
     push(&history, 7); /* what was undone is gone */
@@ -124,11 +124,11 @@ static void history_goes_back_and_forth(void **state)
 static void history_forgets_the_oldest(void **state)
 {
     (void)state;
-    struct skd_history history = {0};
-    size_t vertices = SKD_HISTORY_BYTES_MAX / 36 / 4 + 1; /* a quarter of the limit each */
+    struct skd_history history = {.bytes_max = SKD_HISTORY_BYTES_DEFAULT};
+    size_t vertices = SKD_HISTORY_BYTES_DEFAULT / 36 / 4 + 1; /* a quarter of the limit each */
     for (int i = 0; i < 6; i++)
         push(&history, vertices);
-    assert_true(history.bytes <= SKD_HISTORY_BYTES_MAX);
+    assert_true(history.bytes <= SKD_HISTORY_BYTES_DEFAULT);
     assert_int_equal(history.count, 3);
     assert_int_equal(history.position, 3);
     skd_history_finish(&history);
@@ -138,13 +138,13 @@ static void history_forgets_the_oldest(void **state)
 static void history_tells_what_a_push_will_leave(void **state)
 {
     (void)state;
-    struct skd_history history = {0};
-    const size_t large = SKD_HISTORY_BYTES_MAX / 36 / 4 + 1;
+    struct skd_history history = {.bytes_max = SKD_HISTORY_BYTES_DEFAULT};
+    const size_t large = SKD_HISTORY_BYTES_DEFAULT / 36 / 4 + 1;
     const size_t sizes[] = {1, large, large, 5, large, large, 2, 3 * large, 1, 4 * large};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
         struct skd_step *step = skd_step_create(sizes[i], 4);
         if (i == 6)
-            skd_history_move(&history, -1); /* something undone goes too */
+            skd_history_move(&history, -1, history.position - 1, 0); /* undone: it goes too */
         size_t told = skd_history_steps_with(&history, step);
         assert_int_equal(skd_history_reserve(&history, NULL), SKD_OK);
         skd_history_push(&history, step);
