@@ -2,26 +2,36 @@
 #include "requests/call.h"
 
 #include "base/log.h"
+#include "protocol/json_memory.h"
 #include "requests/live.h"
 
 #include <stdlib.h>
 #include <string.h>
 #include <utlist.h>
 
-struct skd_call *skd_call_create(struct skd_daemon *daemon, struct skd_connection *connection,
-                                 struct skd_request *request)
+struct skd_call *skd_call_create_own(struct skd_daemon *daemon)
 {
     struct skd_call *call = calloc(1, sizeof *call);
     if (call == NULL)
         return NULL;
     call->daemon = daemon;
+    call->work.data = call;
+    DL_APPEND(daemon->calls, call);
+    return call;
+}
+
+struct skd_call *skd_call_create(struct skd_daemon *daemon, struct skd_connection *connection,
+                                 struct skd_request *request)
+{
+    struct skd_call *call = skd_call_create_own(daemon);
+    if (call == NULL)
+        return NULL;
     call->connection_id = connection->id;
     call->mode = skd_connection_mode(connection);
     memcpy(call->client, connection->client, sizeof call->client);
+    memcpy(call->client_id, connection->client_id, sizeof call->client_id);
     call->request = *request;
     call->arrived_ns = uv_hrtime();
-    call->work.data = call;
-    DL_APPEND(daemon->calls, call);
     if (request->message.id.kind != SKD_ID_NONE)
         skd_connection_asked(connection);
     return call;
@@ -61,6 +71,7 @@ static void end(struct skd_call *call)
         call->dismiss(call);
     cJSON_Delete(call->reply.body);
     skd_request_finish(&call->request);
+    free(call->answer);
     if (connection != NULL && counted)
         skd_connection_answered(connection);
     if (live != NULL && live->running == call)
@@ -73,11 +84,14 @@ void skd_call_fail(struct skd_call *call, const struct skd_error *error)
     struct skd_encoded encoded;
     struct skd_error trouble;
     const struct skd_request_id *id = &call->request.message.id;
+    struct skd_connection *connection;
     if (id->kind == SKD_ID_NONE)
         skd_log(SKD_LOG_DEBUG, "connection %llu: notification refused: %s",
                 (unsigned long long)call->connection_id, error->text);
     else if (skd_encode_error(call->mode, id, error, &encoded, &trouble) == SKD_OK)
         skd_call_send(call, &encoded, NULL, NULL);
+    else if ((connection = skd_call_connection(call)) != NULL)
+        skd_connection_close(connection); /* rather than leave it waiting for an answer */
     end(call);
 }
 
@@ -97,12 +111,26 @@ void skd_call_answer(struct skd_call *call, cJSON *body)
     }
 }
 
+/* What a call read of its session may be of a revision that still waits for the disk, and nobody
+ * hears of that: were the daemon to die, another change would get its number. */
+static bool reads_ahead(const struct skd_call *call)
+{
+    return call->live != NULL && call->live->session != NULL && call->revision == 0 &&
+           call->live->durable_revision < call->live->session->revision;
+}
+
 void skd_call_finish(struct skd_call *call)
 {
     if (call->status != SKD_OK) {
         if (call->reply.release != NULL)
             call->reply.release(call->reply.owner);
         skd_call_fail(call, &call->error);
+        return;
+    }
+    if (reads_ahead(call)) {
+        call->revision = call->live->session->revision;
+        skd_live_await(call->live, call);
+        skd_call_pass_turn(call);
         return;
     }
     skd_call_send(call, &call->encoded, call->reply.release, call->reply.owner);
@@ -113,9 +141,19 @@ static void work_in_worker(uv_work_t *work)
 {
     struct skd_call *call = work->data;
     struct skd_reply *reply = &call->reply;
+    (void)skd_json_memory_ran_out(); /* what an earlier call of this thread lacked */
     call->status = call->run(call, &call->error);
+    if (call->status == SKD_OK && reply->body == NULL && skd_json_memory_ran_out())
+        call->status = skd_fail_memory(&call->error, "an answer");
     if (call->status != SKD_OK || reply->body == NULL)
         return;
+    if (call->request.sequence > 0 &&
+        (call->answer = cJSON_PrintUnformatted(reply->body)) == NULL) {
+        cJSON_Delete(reply->body);
+        reply->body = NULL;
+        call->status = skd_fail_memory(&call->error, "an answer");
+        return;
+    }
     call->status =
         skd_encode_answer(call->mode, &call->request.message.id, reply->body, reply->arrays,
                           reply->array_count, &call->encoded, &call->error);
@@ -139,6 +177,12 @@ void skd_call_work(struct skd_call *call,
     call->done = done != NULL ? done : skd_call_finish;
     int result = uv_queue_work(call->daemon->loop, &call->work, work_in_worker, work_done);
     SKD_ASSERT(result == 0);
+}
+
+void skd_call_pass_turn(struct skd_call *call)
+{
+    if (call->live->running == call)
+        skd_live_pass_turn(call->live);
 }
 
 struct skd_live *skd_call_find_session(struct skd_call *call, const char *name)
@@ -180,7 +224,7 @@ void skd_call_cancel(struct skd_call *call, enum skd_status why)
         call->why = why;
         atomic_store(&call->cancelled, true);
     }
-    if (call->live != NULL && call->live->running != call) {
+    if (call->queued) {
         struct skd_error error;
         skd_live_unqueue(call->live, call);
         skd_call_cancelled(call, &error);

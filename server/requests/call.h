@@ -31,10 +31,12 @@ struct skd_call {
     struct skd_daemon *daemon;
     struct skd_call *prev, *next;           /* in daemon->calls */
     struct skd_call *turn_prev, *turn_next; /* in live->waiting */
+    bool queued;                            /* it is there */
     struct skd_live *live;                  /* whose turn it waits for or has, or NULL */
     uint64_t connection_id;
     enum skd_wire_mode mode;
     char client[SKD_CLIENT_NAME_BYTES_MAX + 1];
+    char client_id[SKD_CLIENT_ID_BYTES_MAX + 1];
     struct skd_request request;
     uint64_t arrived_ns;
     atomic_bool cancelled; /* set by the loop, looked at by whoever can still stop */
@@ -48,14 +50,20 @@ struct skd_call {
     enum skd_status status;
     struct skd_error error;
     struct skd_reply reply;
-    struct skd_encoded encoded;             /* the reply as bytes */
-    void *state;                            /* a handler's own */
+    struct skd_encoded encoded; /* the reply as bytes */
+    char *answer;      /* the reply's body as text, where it is to be remembered (a sequence) */
+    uint64_t revision; /* that it made; or that it read, and that is not durable yet */
+    void *state;       /* a handler's own */
     void (*dismiss)(struct skd_call *call); /* frees the state, however the call ends; or NULL */
 };
 
 /* Turns a decoded request (taken over) into a call. NULL: no memory. */
 struct skd_call *skd_call_create(struct skd_daemon *daemon, struct skd_connection *connection,
                                  struct skd_request *request);
+
+/* A call that nobody sent and nobody hears of: the daemon's own work on a session, in its turn.
+ * NULL: no memory. */
+struct skd_call *skd_call_create_own(struct skd_daemon *daemon);
 
 /* Finds the session by name or answers with an error and returns NULL; then the call is gone. */
 struct skd_live *skd_call_find_session(struct skd_call *call, const char *name);
@@ -70,6 +78,9 @@ void skd_call_take_turn(struct skd_call *call, struct skd_live *live,
 void skd_call_work(struct skd_call *call,
                    enum skd_status (*run)(struct skd_call *call, struct skd_error *error),
                    void (*done)(struct skd_call *call));
+
+/* Lets the next call have the session, while this one goes on without it. */
+void skd_call_pass_turn(struct skd_call *call);
 
 /* Ends the call: a small answer made here (body is taken over); the reply that a worker encoded,
  * or its error; an error. */

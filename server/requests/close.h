@@ -7,8 +7,9 @@
 
 #include "requests/state.h"
 
-/* Tells the session's listeners why, cancels the calls on it and takes it out of the table. Its
- * memory goes when the call that has the turn has ended. */
-void skd_session_close(struct skd_daemon *daemon, struct skd_live *live, const char *reason);
+/* Tells the session's listeners why, cancels the calls on it, takes it out of the table, and lets
+ * its file become what `end` says. Its memory goes when the last call on it has ended. */
+void skd_session_close(struct skd_daemon *daemon, struct skd_live *live, enum skd_keeping_end end,
+                       const char *reason);
 
 #endif

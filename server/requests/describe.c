@@ -1,18 +1,27 @@
 /* See describe.h. */
 #include "requests/describe.h"
 
+#include "base/log.h"
+#include "requests/keeping.h"
 #include "requests/live.h"
+#include "requests/presence.h"
 
-static void add_counts(cJSON *object, const struct skd_session *session)
+#include <stdio.h>
+#include <stdlib.h>
+
+static void add_counts(cJSON *object, const struct skd_session *session, uint64_t revision)
 {
     cJSON_AddStringToObject(object, "session", session->name);
-    cJSON_AddNumberToObject(object, "revision", (double)session->revision);
+    cJSON_AddStringToObject(object, "instance", session->instance);
+    cJSON_AddNumberToObject(object, "revision", (double)revision);
     cJSON_AddNumberToObject(object, "vertices", (double)session->rig->mesh.vertex_count);
     cJSON_AddNumberToObject(object, "influences", session->slot_count);
+    cJSON_AddStringToObject(object, "durability", skd_durability_words[session->durability]);
 }
 
 static void add_use(cJSON *object, const struct skd_live *live)
 {
+    cJSON_AddStringToObject(object, "journal", skd_keeping_word(live));
     cJSON_AddNumberToObject(object, "attached", skd_live_listener_count(live));
     cJSON_AddBoolToObject(object, "busy", live->running != NULL);
 }
@@ -36,7 +45,7 @@ static void add_notes(cJSON *object, const struct skd_rig *rig)
 cJSON *skd_describe_briefly(const struct skd_live *live)
 {
     cJSON *object = cJSON_CreateObject();
-    add_counts(object, live->session);
+    add_counts(object, live->session, live->durable_revision);
     cJSON_AddNumberToObject(object, "bones", live->session->rig->skeleton.bone_count);
     add_use(object, live);
     return object;
@@ -46,7 +55,7 @@ cJSON *skd_describe_created(const struct skd_session *session)
 {
     const struct skd_slots_report *slots = &session->slots;
     cJSON *object = cJSON_CreateObject();
-    add_counts(object, session);
+    add_counts(object, session, session->revision);
     cJSON_AddNumberToObject(object, "bones", session->rig->skeleton.bone_count);
     cJSON_AddNumberToObject(object, "triangles", (double)session->rig->mesh.triangle_count);
     cJSON_AddNumberToObject(object, "clips", (double)session->rig->nodes.clip_count);
@@ -100,12 +109,20 @@ static void add_parts(cJSON *object, const struct skd_mesh *mesh)
     }
 }
 
-cJSON *skd_describe_wholly(const struct skd_live *live)
+static void add_history(cJSON *object, const struct skd_history *history)
+{
+    cJSON_AddNumberToObject(object, "undo_steps", (double)history->position);
+    cJSON_AddNumberToObject(object, "redo_steps", (double)(history->count - history->position));
+    cJSON_AddNumberToObject(object, "history_bytes", (double)history->bytes_max);
+    cJSON_AddNumberToObject(object, "history_used", (double)history->bytes);
+}
+
+cJSON *skd_describe_wholly(const struct skd_daemon *daemon, const struct skd_live *live)
 {
     const struct skd_session *session = live->session;
     const struct skd_pose *pose, *next;
     cJSON *object = cJSON_CreateObject();
-    add_counts(object, session);
+    add_counts(object, session, live->durable_revision);
     add_use(object, live);
     cJSON_AddNumberToObject(object, "triangles", (double)session->rig->mesh.triangle_count);
     cJSON_AddNumberToObject(object, "length", session->rig->length);
@@ -118,9 +135,56 @@ cJSON *skd_describe_wholly(const struct skd_live *live)
     add_parts(object, &session->rig->mesh);
     add_notes(object, session->rig);
     cJSON_AddNumberToObject(object, "exported", (double)session->exported);
-    cJSON_AddNumberToObject(object, "undo_steps", (double)session->history.position);
-    cJSON_AddNumberToObject(object, "redo_steps",
-                            (double)(session->history.count - session->history.position));
+    add_history(object, &session->history);
     cJSON_AddNumberToObject(object, "bytes", (double)skd_session_bytes(session));
+    cJSON_AddNumberToObject(object, "journal_bytes",
+                            live->journal != NULL ? (double)skd_journal_bytes(live->journal) : 0);
+    if (session->damage[0] != '\0')
+        cJSON_AddStringToObject(object, "damage", session->damage);
+    cJSON_AddItemToObject(object, "present", skd_presence_describe(daemon, live));
     return object;
+}
+
+/* ---- the state folder ----------------------------------------------------------------------- */
+
+static void add_closed(cJSON *list, const struct skd_state_file *file)
+{
+    cJSON *item = cJSON_CreateObject();
+    cJSON_AddStringToObject(item, "session", file->session);
+    cJSON_AddNumberToObject(item, "bytes", (double)file->bytes);
+    cJSON_AddNumberToObject(item, "closed_at", (double)file->changed_s);
+    cJSON_AddItemToArray(list, item);
+}
+
+static void add_damaged(cJSON *list, const struct skd_state_file *file)
+{
+    char text[SKD_ERROR_TEXT_BYTES];
+    cJSON *item = cJSON_CreateObject();
+    (void)snprintf(text, sizeof text,
+                   "the file of session \"%s\" as it was found damaged; what was whole of it is in "
+                   "use",
+                   file->session);
+    cJSON_AddStringToObject(item, "file", file->name);
+    cJSON_AddStringToObject(item, "text", text);
+    cJSON_AddItemToArray(list, item);
+}
+
+static void add_part(const char *folder, enum skd_state_part part, cJSON *list,
+                     void (*add)(cJSON *list, const struct skd_state_file *file))
+{
+    struct skd_state_files files;
+    struct skd_error error;
+    if (skd_state_list(folder, part, &files, &error) != SKD_OK) {
+        skd_log(SKD_LOG_WARNING, "%s", error.text);
+        return;
+    }
+    for (size_t i = 0; i < files.count && i < SKD_CLOSED_FILES_MAX; i++)
+        add(list, &files.items[i]);
+    free(files.items);
+}
+
+void skd_describe_folder(const char *folder, cJSON *object)
+{
+    add_part(folder, SKD_STATE_CLOSED, cJSON_AddArrayToObject(object, "closed"), add_closed);
+    add_part(folder, SKD_STATE_DAMAGED, cJSON_AddArrayToObject(object, "damaged"), add_damaged);
 }

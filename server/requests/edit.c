@@ -1,29 +1,12 @@
 /* See edit.h. */
 #include "requests/edit.h"
 
-#include "requests/updates.h"
+#include "requests/commit.h"
+#include "requests/memory.h"
+#include "requests/repeats.h"
 #include "session/pin_edit.h"
 
 #include <stdlib.h>
-
-static struct skd_update update_of(const struct skd_call *call, uint64_t revision)
-{
-    const struct skd_edit *edit = call->state;
-    return (struct skd_update){
-        .session = call->live->name,
-        .revision = revision,
-        .cause = edit->kind->cause,
-        .client = call->client,
-        .step = edit->step,
-    };
-}
-
-/* The connection that is not told, or 0. */
-static uint64_t untold(const struct skd_call *call)
-{
-    const struct skd_edit *edit = call->state;
-    return edit->kind->sender_knows ? call->connection_id : 0;
-}
 
 static void describe(const struct skd_call *call, uint64_t revision)
 {
@@ -55,17 +38,11 @@ static enum skd_status make(struct skd_call *call, struct skd_error *error)
         return status == SKD_CANCELLED ? error->status : status;
     bool changes = !skd_step_is_empty(edit->step);
     uint64_t revision = call->live->session->revision + changes;
-    if (edit->want_line && changes) {
-        struct skd_update update = update_of(call, revision);
-        status = skd_update_encode(SKD_WIRE_LINES, &update, &edit->line, error);
-        if (status != SKD_OK)
-            return status;
-    }
     describe(call, revision);
     return SKD_OK;
 }
 
-static void commit(struct skd_call *call)
+static void write_step(struct skd_call *call)
 {
     const struct skd_edit *edit = call->state;
     skd_session_write(call->live->session, edit->step, false);
@@ -73,21 +50,27 @@ static void commit(struct skd_call *call)
 
 static void committed(struct skd_call *call)
 {
-    struct skd_edit *edit = call->state;
-    struct skd_session *session = call->live->session;
-    if (call->status == SKD_OK && !skd_step_is_empty(edit->step)) {
-        skd_history_push(&session->history, edit->step);
-        skd_session_advance(session);
-        struct skd_update update = update_of(call, session->revision);
-        skd_updates_send(call->daemon, call->live, &update, untold(call), &edit->line);
+    const struct skd_edit *edit = call->state;
+    if (call->status != SKD_OK) {
+        skd_call_finish(call);
+        return;
     }
-    skd_call_finish(call);
+    if (skd_step_is_empty(edit->step)) {
+        skd_commit_unchanged(call);
+        return;
+    }
+    const struct skd_commit commit = {
+        .kind = SKD_COMMIT_STEP,
+        .step = edit->step,
+        .cause = edit->kind->cause,
+        .sender_knows = edit->kind->sender_knows,
+    };
+    skd_commit(call, &commit);
 }
 
 static void dismiss(struct skd_call *call)
 {
     struct skd_edit *edit = call->state;
-    skd_encoded_finish(&edit->line);
     skd_step_release(edit->step);
     skd_named_poses_finish(&edit->poses);
     free(edit);
@@ -98,13 +81,15 @@ static void begin(struct skd_call *call)
     struct skd_edit *edit = call->state;
     struct skd_session *session = call->live->session;
     struct skd_error error;
-    if (skd_history_reserve(&session->history, &error) != SKD_OK ||
+    if (skd_repeat_answered(call))
+        return;
+    if (skd_memory_check_step(call->daemon, session, edit->most, &error) != SKD_OK ||
+        skd_history_reserve(&session->history, &error) != SKD_OK ||
         (edit->kind->claim != NULL && edit->kind->claim(session, edit, &error) != SKD_OK)) {
         skd_call_fail(call, &error);
         return;
     }
-    edit->want_line = skd_updates_want_line(call->daemon, call->live, untold(call));
-    call->apply = commit;
+    call->apply = write_step;
     skd_call_work(call, make, committed);
 }
 

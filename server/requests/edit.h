@@ -19,14 +19,13 @@ struct skd_edit {
     const struct skd_edit_kind *kind;
     struct skd_named_poses poses; /* for look_up to fill; let go of when the call ends */
     struct skd_sheet *shape;      /* for claim to find */
+    size_t most;                  /* for look_up: vertices that the step may have; 0: all */
     struct skd_step *step;        /* for make to fill: empty where nothing changes */
     size_t vertices;              /* the same: how many it changes */
-    bool want_line;
-    struct skd_encoded line; /* the update for listeners that speak lines */
 };
 
 struct skd_edit_kind {
-    const char *cause; /* what session.update says */
+    enum skd_cause cause;
     bool sender_knows; /* that it needs no session.update */
     bool forgets_pins; /* of the vertices whose weights it writes */
     /* On the loop, before the turn, while the session's poses can be looked at; NULL: nothing. */

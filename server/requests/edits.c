@@ -31,6 +31,7 @@ static enum skd_status find_shape(struct skd_call *call, const struct skd_sessio
                                   struct skd_edit *edit, struct skd_error *error)
 {
     const char *shape = call->request.params.weights_set.shape;
+    edit->most = call->request.params.weights_set.vertices.count;
     return skd_named_poses_find(session, &shape, shape != NULL, &edit->poses, error);
 }
 
@@ -64,7 +65,7 @@ static enum skd_status set(struct skd_call *call, struct skd_edit *edit, struct 
 
 void skd_handle_weights_set(struct skd_call *call)
 {
-    static const struct skd_edit_kind kind = {.cause = "set",
+    static const struct skd_edit_kind kind = {.cause = SKD_CAUSE_SET,
                                               .sender_knows = true,
                                               .forgets_pins = true,
                                               .look_up = find_shape,
@@ -108,7 +109,7 @@ static enum skd_status mirror(struct skd_call *call, struct skd_edit *edit, stru
 void skd_handle_weights_mirror(struct skd_call *call)
 {
     static const struct skd_edit_kind kind = {
-        .cause = "mirror", .forgets_pins = true, .make = mirror};
+        .cause = SKD_CAUSE_MIRROR, .forgets_pins = true, .make = mirror};
     skd_edit_start(call, call->request.params.weights_edit.session, &kind);
 }
 
@@ -130,7 +131,7 @@ static enum skd_status prune(struct skd_call *call, struct skd_edit *edit, struc
 
 void skd_handle_weights_prune(struct skd_call *call)
 {
-    static const struct skd_edit_kind kind = {.cause = "prune", .make = prune};
+    static const struct skd_edit_kind kind = {.cause = SKD_CAUSE_PRUNE, .make = prune};
     skd_edit_start(call, call->request.params.weights_edit.session, &kind);
 }
 
@@ -169,7 +170,7 @@ static enum skd_status reduce(struct skd_call *call, struct skd_edit *edit, stru
 void skd_handle_weights_reduce(struct skd_call *call)
 {
     static const struct skd_edit_kind kind = {
-        .cause = "reduce", .look_up = find_poses, .make = reduce};
+        .cause = SKD_CAUSE_REDUCE, .look_up = find_poses, .make = reduce};
     skd_edit_start(call, call->request.params.weights_edit.session, &kind);
 }
 
@@ -198,7 +199,7 @@ static enum skd_status edit_pins(struct skd_call *call, struct skd_edit *edit,
 }
 
 static const struct skd_edit_kind pin_kind = {
-    .cause = "pins", .sender_knows = true, .look_up = look_for_pose, .make = edit_pins};
+    .cause = SKD_CAUSE_PINS, .sender_knows = true, .look_up = look_for_pose, .make = edit_pins};
 
 void skd_handle_pins_weigh(struct skd_call *call)
 {

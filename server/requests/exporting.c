@@ -4,6 +4,7 @@
  */
 #include "requests/handlers.h"
 
+#include "requests/commit.h"
 #include "rig/gltf.h"
 
 #include <stdlib.h>
@@ -81,9 +82,12 @@ static enum skd_status export_file(struct skd_call *call, struct skd_error *erro
 static void exported(struct skd_call *call)
 {
     struct skd_session *session = call->live->session;
-    if (call->status == SKD_OK)
-        session->exported = session->revision;
-    skd_call_finish(call);
+    if (call->status != SKD_OK) {
+        skd_call_finish(call);
+        return;
+    }
+    session->exported = session->revision;
+    skd_commit_record(call, skd_record_create_exported(session->revision));
 }
 
 static void begin(struct skd_call *call)

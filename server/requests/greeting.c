@@ -5,7 +5,11 @@
 #include "requests/handlers.h"
 
 #include "base/log.h"
+#include "net/tcp.h"
+#include "requests/claims.h"
+#include "requests/memory.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -18,12 +22,19 @@ static const char *const capabilities[] = {
     "export",        "updates",           "pose.bend",      "weights.set",   "pins",
     "guards",        "stiffness.auto",    "smoothing",      "mix",           "mirror",
     "prune",         "residuals",         "slots.evidence", "reduce",        "refit",
-    "residual.rest", "residual.shape",
+    "residual.rest", "residual.shape",    "sequence",       "presence",      "claims",
+    "history.own",   "updates.catch_up",  "durability",     "session.save",
 };
 
-static void add_limits(cJSON *result)
+static void add_limits(const struct skd_daemon *daemon, cJSON *result)
 {
     cJSON *limits = cJSON_AddObjectToObject(result, "limits");
+    cJSON_AddNumberToObject(limits, "total_bytes", (double)daemon->memory.total_bytes);
+    cJSON_AddNumberToObject(limits, "session_bytes", (double)daemon->memory.session_bytes);
+    cJSON_AddNumberToObject(limits, "history_bytes", (double)SKD_HISTORY_BYTES_LIMIT);
+    cJSON_AddNumberToObject(limits, "claim_bytes", (double)SKD_CLAIM_BYTES_MAX);
+    cJSON_AddNumberToObject(limits, "sequences", SKD_REMEMBERED_ANSWERS_MAX);
+    cJSON_AddNumberToObject(limits, "sequence_clients", SKD_REMEMBERED_CLIENTS_MAX);
     cJSON_AddNumberToObject(limits, "frame_bytes", (double)SKD_FRAME_BYTES_MAX);
     cJSON_AddNumberToObject(limits, "json_bytes", SKD_JSON_BYTES_MAX);
     cJSON_AddNumberToObject(limits, "line_bytes", SKD_LINE_BYTES_MAX);
@@ -54,11 +65,27 @@ void skd_handle_hello(struct skd_call *call)
         skd_call_fail(call, &error);
         return;
     }
+    if (connection != NULL && connection->token != NULL &&
+        !skd_token_matches(connection->token, params->token)) {
+        struct skd_error error;
+        (void)skd_fail(&error, SKD_BAD_TOKEN, "%s",
+                       params->token == NULL ? "hello over TCP has to show the daemon's token"
+                                             : "this is not the daemon's token");
+        skd_log(SKD_LOG_WARNING, "connection %llu is refused: %s",
+                (unsigned long long)connection->id, error.text);
+        skd_call_fail(call, &error);
+        skd_connection_drain(connection);
+        return;
+    }
     if (connection != NULL) {
-        size_t length = strnlen(params->client_name, SKD_CLIENT_NAME_BYTES_MAX);
-        connection->greeted = true;
-        memcpy(connection->client, params->client_name, length);
-        connection->client[length] = '\0';
+        skd_connection_greet(connection);
+        (void)snprintf(connection->client, sizeof connection->client, "%s", params->client_name);
+        (void)snprintf(connection->version, sizeof connection->version, "%s",
+                       params->client_version);
+        (void)snprintf(connection->user, sizeof connection->user, "%s", params->client_user);
+        if (params->client_id != NULL)
+            (void)snprintf(connection->client_id, sizeof connection->client_id, "%s",
+                           params->client_id);
     }
     cJSON *result = cJSON_CreateObject();
     cJSON_AddNumberToObject(result, "protocol", SKD_PROTOCOL_MAX);
@@ -69,7 +96,7 @@ void skd_handle_hello(struct skd_call *call)
     cJSON_AddItemToObject(
         result, "capabilities",
         cJSON_CreateStringArray(capabilities, sizeof capabilities / sizeof *capabilities));
-    add_limits(result);
+    add_limits(call->daemon, result);
     skd_call_answer(call, result);
 }
 
@@ -103,19 +130,12 @@ void skd_handle_cancel(struct skd_call *call)
 void skd_handle_stats(struct skd_call *call)
 {
     const struct skd_daemon *daemon = call->daemon;
-    const struct skd_live *live, *next;
-    double bytes = 0;
-    HASH_ITER(hh, daemon->sessions, live, next)
-    {
-        if (live->session != NULL)
-            bytes += (double)skd_session_bytes(live->session);
-    }
     cJSON *result = cJSON_CreateObject();
     cJSON_AddNumberToObject(result, "uptime_s", (double)(uv_hrtime() - daemon->started_ns) * 1e-9);
     cJSON_AddNumberToObject(result, "connections", HASH_COUNT(daemon->connections));
     cJSON_AddNumberToObject(result, "sessions", HASH_COUNT(daemon->sessions));
     cJSON_AddNumberToObject(result, "workers", daemon->worker_count);
-    cJSON_AddNumberToObject(result, "bytes", bytes);
+    cJSON_AddNumberToObject(result, "bytes", (double)skd_memory_used(daemon));
     cJSON *requests = cJSON_AddObjectToObject(result, "requests");
     for (int method = 0; method < SKD_REQUEST_METHOD_COUNT; method++) {
         if (daemon->stats.requests[method] > 0)

@@ -4,6 +4,7 @@
  */
 #include "requests/handlers.h"
 
+#include "requests/commit.h"
 #include "requests/named_poses.h"
 #include "session/guard_choice.h"
 
@@ -70,8 +71,12 @@ static void put_in_place(struct skd_call *call)
 
 static void built(struct skd_call *call)
 {
-    skd_session_account(call->live->session);
-    skd_call_finish(call);
+    struct skd_session *session = call->live->session;
+    skd_session_account(session);
+    if (call->status == SKD_OK)
+        skd_commit_record(call, skd_record_create_guard(&session->guards));
+    else
+        skd_call_finish(call);
 }
 
 static void dismiss(struct skd_call *call)

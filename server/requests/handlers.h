@@ -19,6 +19,14 @@ void skd_handle_session_info(struct skd_call *call);
 void skd_handle_session_attach(struct skd_call *call);
 void skd_handle_session_detach(struct skd_call *call);
 void skd_handle_session_close(struct skd_call *call);
+/* kept.c */
+void skd_handle_session_claim(struct skd_call *call);
+void skd_handle_session_set(struct skd_call *call);
+void skd_handle_session_save(struct skd_call *call);
+void skd_handle_session_open(struct skd_call *call);
+void skd_handle_session_fork(struct skd_call *call);
+void skd_handle_session_delete(struct skd_call *call);
+void skd_handle_session_verify(struct skd_call *call);
 /* poses.c */
 void skd_handle_pose_set(struct skd_call *call);
 void skd_handle_pose_evaluate(struct skd_call *call);

@@ -1,46 +1,33 @@
 /* history.undo and history.redo: a step's other side is written back, to the bit.
  *
- * Stage: job -> commit -> reply. Thread: the loop finds the step, a worker writes it (and spells it
- * out for listeners that speak lines), the loop commits.
+ * Stage: job -> commit -> reply. Thread: a worker finds the step and writes it, the loop commits.
  */
 #include "requests/handlers.h"
 
-#include "requests/updates.h"
+#include "requests/commit.h"
+#include "requests/repeats.h"
+#include "session/own_steps.h"
 
 #include <stdlib.h>
 
 struct turning {
-    struct skd_step *step; /* held */
+    struct skd_step *step; /* the history's */
+    size_t index;
     bool undo;
-    bool want_line;
-    struct skd_encoded line;
 };
-
-static struct skd_update update_of(const struct skd_call *call, uint64_t revision)
-{
-    const struct turning *turning = call->state;
-    return (struct skd_update){
-        .session = call->live->name,
-        .revision = revision,
-        .cause = turning->undo ? "undo" : "redo",
-        .client = call->client,
-        .step = turning->step,
-        .undo = turning->undo,
-    };
-}
 
 static enum skd_status answer(struct skd_call *call, struct skd_error *error)
 {
     struct turning *turning = call->state;
     const struct skd_session *session = call->live->session;
     const struct skd_history *history = &session->history;
+    const char *own = call->request.params.session.own ? call->client_id : NULL;
+    enum skd_status status =
+        skd_own_step_find(session, turning->undo ? -1 : 1, own, &turning->index, error);
+    if (status != SKD_OK)
+        return status;
+    turning->step = history->steps[turning->index];
     size_t done = turning->undo ? history->position - 1 : history->position + 1;
-    if (turning->want_line) {
-        struct skd_update update = update_of(call, session->revision + 1);
-        enum skd_status status = skd_update_encode(SKD_WIRE_LINES, &update, &turning->line, error);
-        if (status != SKD_OK)
-            return status;
-    }
     cJSON *body = call->reply.body = cJSON_CreateObject();
     cJSON_AddNumberToObject(body, "revision", (double)(session->revision + 1));
     cJSON_AddNumberToObject(body, "vertices", (double)turning->step->count);
@@ -57,44 +44,28 @@ static void write_back(struct skd_call *call)
 
 static void written_back(struct skd_call *call)
 {
-    struct turning *turning = call->state;
-    struct skd_session *session = call->live->session;
-    if (call->status == SKD_OK) {
-        skd_session_advance(session);
-        skd_history_move(&session->history, turning->undo ? -1 : 1);
-        struct skd_update update = update_of(call, session->revision);
-        skd_updates_send(call->daemon, call->live, &update, 0, &turning->line);
+    const struct turning *turning = call->state;
+    if (call->status != SKD_OK) {
+        skd_call_finish(call);
+        return;
     }
-    skd_call_finish(call);
+    const struct skd_commit commit = {
+        .kind = turning->undo ? SKD_COMMIT_UNDO : SKD_COMMIT_REDO,
+        .step = turning->step,
+        .index = turning->index,
+    };
+    skd_commit(call, &commit);
 }
 
 static void dismiss(struct skd_call *call)
 {
-    struct turning *turning = call->state;
-    skd_encoded_finish(&turning->line);
-    skd_step_release(turning->step);
-    free(turning);
+    free(call->state);
 }
 
 static void begin(struct skd_call *call)
 {
-    struct turning *turning = call->state;
-    const struct skd_history *history = &call->live->session->history;
-    struct skd_step *step =
-        turning->undo ? skd_history_undoable(history) : skd_history_redoable(history);
-    if (step == NULL) {
-        struct skd_error error;
-        if (turning->undo)
-            (void)skd_fail(&error, SKD_NOTHING_TO_UNDO, "session \"%s\" has nothing to undo",
-                           call->live->name);
-        else
-            (void)skd_fail(&error, SKD_NOTHING_TO_REDO, "session \"%s\" has nothing to redo",
-                           call->live->name);
-        skd_call_fail(call, &error);
+    if (skd_repeat_answered(call))
         return;
-    }
-    turning->step = skd_step_hold(step);
-    turning->want_line = skd_updates_want_line(call->daemon, call->live, 0);
     call->apply = write_back;
     skd_call_work(call, answer, written_back);
 }

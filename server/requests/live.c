@@ -2,9 +2,11 @@
 #include "requests/live.h"
 
 #include "requests/call.h"
+#include "requests/claims.h"
 
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <utlist.h>
 
 enum skd_status skd_live_reserve(struct skd_daemon *daemon, const char *name,
@@ -21,6 +23,7 @@ enum skd_status skd_live_reserve(struct skd_daemon *daemon, const char *name,
     live = calloc(1, sizeof *live);
     if (live == NULL)
         return skd_fail_memory(error, "a session");
+    live->daemon = daemon;
     memcpy(live->name, name, strlen(name) + 1);
     HASH_ADD_STR(daemon->sessions, name, live);
     if (!skd_hash_added(live)) {
@@ -46,22 +49,43 @@ struct skd_live *skd_live_find(struct skd_daemon *daemon, const char *name, stru
 
 static void destroy_if_left(struct skd_live *live)
 {
-    if (!live->closed || live->running != NULL || live->serving)
+    if (!live->closed || live->running != NULL || live->serving || live->holds > 0)
         return;
+    skd_changes_finish(&live->changes);
     skd_session_destroy(live->session);
     free(live);
+}
+
+/* The next call that can have the session: one whose client does not read its answers waits until
+ * it does, and with it all that the same client asks for. */
+static struct skd_call *next_call(const struct skd_live *live)
+{
+    struct skd_call *call;
+    if (live->running != NULL)
+        return NULL;
+    DL_FOREACH2(live->waiting, call, turn_next)
+    {
+        const struct skd_connection *connection = skd_call_connection(call);
+        if (connection == NULL || !skd_connection_full(connection))
+            return call;
+    }
+    return NULL;
 }
 
 /* Gives the session to the next call that waits. A call may end within its begin (nothing to undo),
  * which comes back here: the flag makes that a round of this loop and not a deeper stack. */
 static void serve(struct skd_live *live)
 {
+    struct skd_call *next;
     if (live->serving)
         return;
     live->serving = true;
-    while (live->running == NULL && live->waiting != NULL) {
-        live->running = live->waiting;
+    while ((next = next_call(live)) != NULL) {
+        live->running = next;
         skd_live_unqueue(live, live->running);
+        if (live->renews)
+            skd_session_new_instance(live->session->instance);
+        live->renews = false;
         live->running->begin(live->running);
     }
     live->serving = false;
@@ -73,27 +97,45 @@ void skd_live_retire(struct skd_daemon *daemon, struct skd_live *live)
     HASH_DEL(daemon->sessions, live);
 }
 
+static void remove_listener(struct skd_live *live, struct skd_listener_of_session *listener)
+{
+    HASH_DEL(live->listeners, listener);
+    skd_claim_drop(live, listener);
+    free(listener);
+}
+
 void skd_live_dismiss(struct skd_live *live)
 {
     struct skd_listener_of_session *listener, *next;
-    LL_FOREACH_SAFE(live->listeners, listener, next)
-    {
-        LL_DELETE(live->listeners, listener);
-        free(listener);
-    }
+    HASH_ITER(hh, live->listeners, listener, next)
+    remove_listener(live, listener);
     live->closed = true;
+    destroy_if_left(live);
+}
+
+void skd_live_hold(struct skd_live *live)
+{
+    live->holds++;
+}
+
+void skd_live_release(struct skd_live *live)
+{
+    SKD_ASSERT(live->holds > 0);
+    live->holds--;
     destroy_if_left(live);
 }
 
 void skd_live_queue(struct skd_live *live, struct skd_call *call)
 {
     DL_APPEND2(live->waiting, call, turn_prev, turn_next);
+    call->queued = true;
     serve(live);
 }
 
 void skd_live_unqueue(struct skd_live *live, struct skd_call *call)
 {
     DL_DELETE2(live->waiting, call, turn_prev, turn_next);
+    call->queued = false;
 }
 
 void skd_live_pass_turn(struct skd_live *live)
@@ -102,35 +144,78 @@ void skd_live_pass_turn(struct skd_live *live)
     serve(live);
 }
 
-enum skd_status skd_live_attach(struct skd_live *live, uint64_t connection_id,
-                                struct skd_error *error)
+void skd_live_resume(struct skd_daemon *daemon)
+{
+    struct skd_live *live = daemon->sessions;
+    /* From the first one again after each: what is answered may open and close others. */
+    while (live != NULL) {
+        const bool ready = !live->serving && next_call(live) != NULL;
+        if (ready)
+            serve(live);
+        live = ready ? daemon->sessions : live->hh.next;
+    }
+}
+
+void skd_live_await(struct skd_live *live, struct skd_call *call)
+{
+    DL_APPEND2(live->awaiting, call, turn_prev, turn_next);
+}
+
+void skd_live_end_awaiting(struct skd_live *live)
+{
+    struct skd_call *call;
+    while ((call = live->awaiting) != NULL && call->revision <= live->durable_revision) {
+        DL_DELETE2(live->awaiting, call, turn_prev, turn_next);
+        skd_call_finish(call);
+    }
+}
+
+struct skd_listener_of_session *skd_live_listener(const struct skd_live *live,
+                                                  uint64_t connection_id)
 {
     struct skd_listener_of_session *listener;
-    LL_SEARCH_SCALAR(live->listeners, listener, connection_id, connection_id);
+    HASH_FIND(hh, live->listeners, &connection_id, sizeof connection_id, listener);
+    return listener;
+}
+
+struct skd_connection *skd_listener_connection(const struct skd_daemon *daemon,
+                                               const struct skd_listener_of_session *listener)
+{
+    struct skd_connection *connection;
+    HASH_FIND(hh, daemon->connections, &listener->connection_id, sizeof listener->connection_id,
+              connection);
+    return connection;
+}
+
+enum skd_status skd_live_attach(struct skd_live *live, uint64_t connection_id,
+                                struct skd_listener_of_session **result, struct skd_error *error)
+{
+    struct skd_listener_of_session *listener = skd_live_listener(live, connection_id);
+    *result = listener;
     if (listener != NULL)
         return SKD_OK;
-    listener = calloc(1, sizeof *listener);
+    listener = *result = calloc(1, sizeof *listener);
     if (listener == NULL)
         return skd_fail_memory(error, "another listener");
     listener->connection_id = connection_id;
-    LL_PREPEND(live->listeners, listener);
-    return SKD_OK;
+    listener->since_s = (int64_t)time(NULL);
+    listener->claims_at_attach = live->claim_changes;
+    HASH_ADD(hh, live->listeners, connection_id, sizeof listener->connection_id, listener);
+    if (skd_hash_added(listener))
+        return SKD_OK;
+    free(listener);
+    return skd_fail_memory(error, "another listener");
 }
 
-void skd_live_detach(struct skd_live *live, uint64_t connection_id)
+bool skd_live_detach(struct skd_live *live, uint64_t connection_id)
 {
-    struct skd_listener_of_session *listener;
-    LL_SEARCH_SCALAR(live->listeners, listener, connection_id, connection_id);
-    if (listener == NULL)
-        return;
-    LL_DELETE(live->listeners, listener);
-    free(listener);
+    struct skd_listener_of_session *listener = skd_live_listener(live, connection_id);
+    if (listener != NULL)
+        remove_listener(live, listener);
+    return listener != NULL;
 }
 
 int skd_live_listener_count(const struct skd_live *live)
 {
-    int count;
-    struct skd_listener_of_session *listener;
-    LL_COUNT(live->listeners, listener, count);
-    return count;
+    return (int)HASH_COUNT(live->listeners);
 }

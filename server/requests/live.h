@@ -23,15 +23,35 @@ struct skd_live *skd_live_find(struct skd_daemon *daemon, const char *name,
 void skd_live_retire(struct skd_daemon *daemon, struct skd_live *live);
 void skd_live_dismiss(struct skd_live *live);
 
+/* Keeps a session's memory, also after it was closed: for what goes on after the turn. */
+void skd_live_hold(struct skd_live *live);
+void skd_live_release(struct skd_live *live);
+
 /* Turns. */
 void skd_live_queue(struct skd_live *live, struct skd_call *call);
 void skd_live_unqueue(struct skd_live *live, struct skd_call *call);
 void skd_live_pass_turn(struct skd_live *live);
+/* After a client has read what was written to it, or is gone: its calls may have waited for that.
+ */
+void skd_live_resume(struct skd_daemon *daemon);
+
+/* Keeps a call that is done until call->revision is durable; and ends those for which that is so
+ * now. */
+void skd_live_await(struct skd_live *live, struct skd_call *call);
+void skd_live_end_awaiting(struct skd_live *live);
 
 /* Listeners: attaching twice is once. */
 SKD_MUST_CHECK enum skd_status skd_live_attach(struct skd_live *live, uint64_t connection_id,
+                                               struct skd_listener_of_session **listener,
                                                struct skd_error *error);
-void skd_live_detach(struct skd_live *live, uint64_t connection_id);
+/* False: it was not attached. */
+bool skd_live_detach(struct skd_live *live, uint64_t connection_id);
+/* NULL: not attached. */
+struct skd_listener_of_session *skd_live_listener(const struct skd_live *live,
+                                                  uint64_t connection_id);
+/* A listener's connection, or NULL while that is going away. */
+struct skd_connection *skd_listener_connection(const struct skd_daemon *daemon,
+                                               const struct skd_listener_of_session *listener);
 int skd_live_listener_count(const struct skd_live *live);
 
 #endif

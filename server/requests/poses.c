@@ -5,6 +5,8 @@
  */
 #include "requests/handlers.h"
 
+#include "requests/commit.h"
+#include "requests/memory.h"
 #include "rig/pose.h"
 
 #include <math.h>
@@ -40,6 +42,25 @@ static enum skd_status make_pose(const struct skd_session *session,
     return skd_pose_from_clip(rig, clip, params->time, pose->matrices, error);
 }
 
+/* The answer is there before the pose is put under its name, so that an error means no change. */
+static enum skd_status encode_pose(struct skd_call *call, const struct skd_pose *pose,
+                                   struct skd_error *error)
+{
+    cJSON *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(body, "pose", pose->name);
+    return skd_encode_answer(call->mode, &call->request.message.id, body, NULL, 0, &call->encoded,
+                             error);
+}
+
+/* Answers once the pose is kept. While the session's file is away (requests/rewriting.c), it is
+ * told to the new one. */
+static void commit_pose(struct skd_call *call, struct skd_live *live, struct skd_pose *pose)
+{
+    live->poses_changed = live->poses_changed || live->journal == NULL;
+    call->live = live;
+    skd_commit_record(call, skd_record_create_pose(pose));
+}
+
 void skd_handle_pose_set(struct skd_call *call)
 {
     const struct skd_pose_set_params *params = &call->request.params.pose_set;
@@ -48,26 +69,30 @@ void skd_handle_pose_set(struct skd_call *call)
         return;
     struct skd_error error;
     enum skd_status status;
-    struct skd_pose *pose = skd_pose_create(params->pose, live->session->rig->skeleton.bone_count);
+    const int bones = live->session->rig->skeleton.bone_count;
+    struct skd_pose *pose = skd_pose_create(params->pose, bones);
     if (pose == NULL) {
         status = skd_fail_memory(&error, "a pose");
-    } else if ((status = make_pose(live->session, params, pose, &error)) != SKD_OK) {
+    } else if ((status = skd_memory_check(call->daemon, live->session,
+                                          (size_t)bones * SKD_MATRIX_SIZE * sizeof(double),
+                                          &error)) != SKD_OK) {
         skd_pose_release(pose);
-    } else {
-        status = skd_poses_put(&live->session->poses, pose, &error);
+    } else if ((status = make_pose(live->session, params, pose, &error)) != SKD_OK ||
+               (status = encode_pose(call, pose, &error)) != SKD_OK) {
+        skd_pose_release(pose);
+    } else if ((status = skd_poses_put(&live->session->poses, pose, &error)) != SKD_OK) {
+        skd_encoded_finish(&call->encoded);
     }
     if (status != SKD_OK) {
         skd_call_fail(call, &error);
         return;
     }
-    cJSON *result = cJSON_CreateObject();
-    cJSON_AddStringToObject(result, "pose", params->pose);
-    skd_call_answer(call, result);
+    commit_pose(call, live, pose);
 }
 
 static enum skd_status evaluate(struct skd_call *call, struct skd_error *error)
 {
-    const struct skd_pose_evaluate_params *params = &call->request.params.pose_evaluate;
+    const struct skd_shown_params *params = &call->request.params.shown;
     const struct skd_session *session = call->live->session;
     const struct skd_pose *pose = call->state;
     const uint32_t *vertices = params->vertices_given ? params->vertices.data : NULL;
@@ -104,7 +129,7 @@ static void let_pose_go(struct skd_call *call)
 
 void skd_handle_pose_evaluate(struct skd_call *call)
 {
-    const struct skd_pose_evaluate_params *params = &call->request.params.pose_evaluate;
+    const struct skd_shown_params *params = &call->request.params.shown;
     struct skd_live *live = skd_call_find_session(call, params->session);
     if (live == NULL)
         return;

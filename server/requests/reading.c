@@ -10,7 +10,7 @@
 
 static enum skd_status get_weights(struct skd_call *call, struct skd_error *error)
 {
-    const struct skd_weights_get_params *params = &call->request.params.weights_get;
+    const struct skd_shown_params *params = &call->request.params.shown;
     const struct skd_session *session = call->live->session;
     const uint32_t *vertices = params->vertices.data;
     size_t slots = (size_t)session->slot_count;
@@ -107,7 +107,7 @@ static void take_turn(struct skd_call *call, const char *name, void (*begin)(str
 
 void skd_handle_weights_get(struct skd_call *call)
 {
-    take_turn(call, call->request.params.weights_get.session, begin_weights);
+    take_turn(call, call->request.params.shown.session, begin_weights);
 }
 
 void skd_handle_mesh_get(struct skd_call *call)

@@ -5,6 +5,8 @@
  */
 #include "requests/handlers.h"
 
+#include "protocol/json_memory.h"
+
 #include <stdlib.h>
 
 /* JSON of up to this size is parsed on the loop thread: some 0.1 ms. */
@@ -21,6 +23,13 @@ static void (*const handlers[SKD_REQUEST_METHOD_COUNT])(struct skd_call *call) =
     [SKD_REQUEST_SESSION_DETACH] = skd_handle_session_detach,
     [SKD_REQUEST_SESSION_CLOSE] = skd_handle_session_close,
     [SKD_REQUEST_SESSION_EXPORT] = skd_handle_session_export,
+    [SKD_REQUEST_SESSION_SET] = skd_handle_session_set,
+    [SKD_REQUEST_SESSION_SAVE] = skd_handle_session_save,
+    [SKD_REQUEST_SESSION_OPEN] = skd_handle_session_open,
+    [SKD_REQUEST_SESSION_FORK] = skd_handle_session_fork,
+    [SKD_REQUEST_SESSION_DELETE] = skd_handle_session_delete,
+    [SKD_REQUEST_SESSION_VERIFY] = skd_handle_session_verify,
+    [SKD_REQUEST_SESSION_CLAIM] = skd_handle_session_claim,
     [SKD_REQUEST_MESH_GET] = skd_handle_mesh_get,
     [SKD_REQUEST_POSE_SET] = skd_handle_pose_set,
     [SKD_REQUEST_POSE_EVALUATE] = skd_handle_pose_evaluate,
@@ -51,11 +60,13 @@ void skd_route_refuse(struct skd_connection *connection, const struct skd_reques
 {
     struct skd_encoded encoded;
     struct skd_error error;
-    if (skd_encode_error(skd_connection_mode(connection), id, failure, &encoded, &error) != SKD_OK)
+    struct skd_outgoing *outgoing = NULL;
+    if (skd_encode_error(skd_connection_mode(connection), id, failure, &encoded, &error) == SKD_OK)
+        outgoing = skd_outgoing_create(&encoded, NULL, NULL);
+    if (outgoing == NULL) { /* no memory: hanging up is an answer too */
+        skd_connection_close(connection);
         return;
-    struct skd_outgoing *outgoing = skd_outgoing_create(&encoded, NULL, NULL);
-    if (outgoing == NULL)
-        return;
+    }
     skd_connection_send(connection, outgoing);
     skd_outgoing_release(outgoing);
 }
@@ -83,6 +94,7 @@ static void dispatch(struct skd_daemon *daemon, struct skd_connection *connectio
         return;
     }
     daemon->stats.requests[call->request.method]++;
+    (void)skd_json_memory_ran_out(); /* what an earlier call lacked */
     handlers[call->request.method](call);
 }
 

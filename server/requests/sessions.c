@@ -8,6 +8,10 @@
 #include "requests/close.h"
 #include "requests/describe.h"
 #include "requests/live.h"
+#include "requests/presence.h"
+#include "requests/updates.h"
+
+#include <string.h>
 
 void skd_handle_session_list(struct skd_call *call)
 {
@@ -19,6 +23,7 @@ void skd_handle_session_list(struct skd_call *call)
         if (live->session != NULL)
             cJSON_AddItemToArray(list, skd_describe_briefly(live));
     }
+    skd_describe_folder(call->daemon->keeping.folder, result);
     skd_call_answer(call, result);
 }
 
@@ -26,26 +31,45 @@ void skd_handle_session_info(struct skd_call *call)
 {
     struct skd_live *live = skd_call_find_session(call, call->request.params.session.session);
     if (live != NULL)
-        skd_call_answer(call, skd_describe_wholly(live));
+        skd_call_answer(call, skd_describe_wholly(call->daemon, live));
+}
+
+/* Whether the revision that a tool holds is one of this session's: without its instance only where
+ * the tool misses nothing. */
+static bool holds_ours(const struct skd_live *live, const struct skd_session_params *params)
+{
+    if (!params->has_revision)
+        return false;
+    return params->instance != NULL ? strcmp(params->instance, live->session->instance) == 0
+                                    : params->revision == live->durable_revision;
 }
 
 void skd_handle_session_attach(struct skd_call *call)
 {
     const struct skd_session_params *params = &call->request.params.session;
     struct skd_live *live = skd_call_find_session(call, params->session);
+    struct skd_listener_of_session *listener;
     struct skd_error error;
     if (live == NULL)
         return;
-    if (skd_live_attach(live, call->connection_id, &error) != SKD_OK) {
+    bool is_new = skd_live_listener(live, call->connection_id) == NULL;
+    if (skd_live_attach(live, call->connection_id, &listener, &error) != SKD_OK) {
         skd_call_fail(call, &error);
         return;
     }
+    if (is_new)
+        skd_presence_changed(call->daemon, live);
+    listener->presence_told = live->presence_changes;
+    bool follows = skd_updates_follow(live, listener, holds_ours(live, params), params->revision);
     cJSON *result = cJSON_CreateObject();
     cJSON_AddStringToObject(result, "session", live->name);
-    cJSON_AddNumberToObject(result, "revision", (double)live->session->revision);
-    cJSON_AddBoolToObject(result, "resync",
-                          !params->has_revision || params->revision != live->session->revision);
+    cJSON_AddStringToObject(result, "instance", live->session->instance);
+    cJSON_AddNumberToObject(result, "revision", (double)live->durable_revision);
+    cJSON_AddBoolToObject(result, "resync", !follows);
+    cJSON_AddItemToObject(result, "present", skd_presence_describe(call->daemon, live));
+    struct skd_daemon *daemon = call->daemon;
     skd_call_answer(call, result);
+    skd_updates_flush(daemon, live);
 }
 
 void skd_handle_session_detach(struct skd_call *call)
@@ -53,7 +77,8 @@ void skd_handle_session_detach(struct skd_call *call)
     struct skd_live *live = skd_call_find_session(call, call->request.params.session.session);
     if (live == NULL)
         return;
-    skd_live_detach(live, call->connection_id);
+    if (skd_live_detach(live, call->connection_id))
+        skd_presence_changed(call->daemon, live);
     skd_call_answer(call, cJSON_CreateObject());
 }
 
@@ -62,6 +87,6 @@ void skd_handle_session_close(struct skd_call *call)
     struct skd_live *live = skd_call_find_session(call, call->request.params.session.session);
     if (live == NULL)
         return;
-    skd_session_close(call->daemon, live, "a client closed it");
-    skd_call_answer(call, cJSON_CreateObject());
+    live->closer = call;
+    skd_session_close(call->daemon, live, SKD_KEEPING_CLOSED, "a client closed it");
 }

@@ -6,28 +6,71 @@
 #ifndef SKD_REQUESTS_STATE_H
 #define SKD_REQUESTS_STATE_H
 
+#include "import/import.h"
+#include "journal/journal.h"
 #include "net/connection.h"
 #include "protocol/request.h"
+#include "requests/changes.h"
+#include "requests/state_folder.h"
 #include "session/session.h"
 
 struct skd_call;
+struct skd_claim;
 
-/* A connection that wants to hear of a session's changes. */
+/* A connection that hears of a session's changes: present there, and perhaps with a claim. */
 struct skd_listener_of_session {
     uint64_t connection_id;
-    struct skd_listener_of_session *next;
+    UT_hash_handle hh;
+    uint64_t told;             /* the revision it has once it has read all that was sent to it */
+    uint64_t making;           /* the update for it that a worker makes (its number), or 0 */
+    int64_t since_s;           /* unix time */
+    uint64_t presence_told;    /* which of live->presence_changes it knows */
+    struct skd_claim *claim;   /* NULL: nothing */
+    uint64_t claim_change;     /* which of live->claim_changes was the last of its own */
+    uint64_t claim_asked;      /* so that of two requests at once the later one holds */
+    uint64_t claims_told;      /* which of live->claim_changes it knows */
+    uint64_t claims_at_attach; /* those up to here were none of its business */
+};
+
+/* What becomes of the file of a session that is closed. */
+enum skd_keeping_end {
+    SKD_KEEPING_STAYS,   /* the daemon stops: the session is there at its next start */
+    SKD_KEEPING_CLOSED,  /* among the closed ones, if it has a step */
+    SKD_KEEPING_REMOVED, /* deleted */
 };
 
 /* A rig session that is open in this daemon, and who takes turns on it. */
 struct skd_live {
+    struct skd_daemon *daemon;
     char name[SKD_SESSION_NAME_BYTES_MAX + 1];
     UT_hash_handle hh;
     struct skd_session *session; /* NULL while it is being loaded */
-    bool closed;                 /* goes when its running call ends */
-    struct skd_call *running;    /* the call whose turn it is */
-    struct skd_call *waiting;    /* list */
-    bool serving;                /* requests/live.c is handing the turn out */
-    struct skd_listener_of_session *listeners;
+    size_t promised_bytes;       /* that it will take; counted until it is there */
+    /* The session's file; NULL where it has none, and while it is away (requests/keeping.h). */
+    struct skd_journal_file *journal;
+    char file[SKD_STATE_FILE_BYTES]; /* its name in the state folder; "": none */
+    uint64_t file_bytes;             /* when it was last written whole */
+    bool away;                       /* closed for a moment, to be verified or written anew */
+    enum skd_keeping_end end;        /* what is to become of it then, once the session is closed */
+    bool suspended;                  /* it could not be written */
+    bool renews;                     /* gets a new instance before its next turn */
+    bool rewriting;                  /* it is being written anew, or will be in the next turn */
+    bool poses_changed;              /* while the file was away */
+    struct skd_call *closer;         /* answered when the file is where it is to be, or NULL */
+    bool closed;                     /* goes when nobody holds it any more */
+    int holds;                       /* calls that wait for the disk, work in the pool */
+    struct skd_call *running;        /* the call whose turn it is */
+    struct skd_call *waiting;        /* list */
+    struct skd_call *awaiting;       /* list: done, and to be answered when it is durable */
+    bool serving;                    /* requests/live.c is handing the turn out */
+    struct skd_changes changes;
+    uint64_t durable_revision; /* up to which others may hear of changes */
+    uint64_t settled_revision; /* up to which it was looked who knows them by their own answer */
+    struct skd_listener_of_session *listeners; /* by connection_id, in the order they came */
+    uint64_t presence_changes;                 /* counted: somebody came, went or claimed */
+    uint64_t presence_due;  /* up to which of them listeners are to be told now */
+    uint64_t claim_changes; /* counted */
+    size_t claim_bytes;     /* that all claims take */
 };
 
 struct skd_stats {
@@ -36,13 +79,33 @@ struct skd_stats {
     uint64_t solve_ns;
 };
 
+/* Where sessions are kept; requests/keeping.c's. */
+struct skd_keeping {
+    char folder[SKD_STATE_PATH_BYTES];
+    int lock;
+    struct skd_journal *journal;
+    uv_timer_t retry; /* for sessions that are suspended */
+    unsigned retry_ms;
+};
+
+/* What sessions may take; see requests/memory.h. */
+struct skd_memory_limits {
+    size_t total_bytes;
+    size_t session_bytes;
+};
+
 struct skd_daemon {
+    struct skd_memory_limits memory;
+    struct skd_importer importer;
+    struct skd_keeping keeping;
     uv_loop_t *loop;
     int worker_count;
     uint64_t started_ns;
     struct skd_connection *connections; /* by id */
     struct skd_live *sessions;          /* by name */
     struct skd_call *calls;             /* all that are not answered yet */
+    uv_timer_t *presence;               /* requests/presence.c's; NULL: nothing to be told */
+    uint64_t updates_made;              /* numbers of requests/updates.c */
     struct skd_stats stats;
     bool stopping;
     /* Begins to stop; daemon.c's. */

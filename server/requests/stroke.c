@@ -13,7 +13,11 @@
  */
 #include "requests/handlers.h"
 
+#include "requests/claims.h"
+#include "requests/commit.h"
+#include "requests/memory.h"
 #include "requests/named_poses.h"
+#include "requests/repeats.h"
 #include "requests/updates.h"
 #include "session/stroke_run.h"
 
@@ -27,10 +31,10 @@ struct job {
     struct skd_call *call;
     struct skd_stroke stroke;
     struct skd_named_poses frames; /* of a refit */
-    size_t next;                   /* first vertex of the next chunk */
-    int in_flight;                 /* chunks that workers have */
-    bool want_line;
-    struct skd_encoded line; /* the update for listeners that speak lines */
+    struct skd_claims_seen *claims;
+    size_t next;   /* first vertex of the next chunk */
+    int in_flight; /* chunks that workers have */
+    bool lost;     /* a chunk's weights could not be told */
     uint64_t begun_ns;
     uint64_t solving_ns;
     uint64_t solved_ns;
@@ -43,6 +47,7 @@ struct chunk {
     size_t first;
     size_t count;
     struct skd_encoded encoded; /* head NULL: nothing to send */
+    bool lost;                  /* it could not be encoded */
 };
 
 static void submit_chunks(struct job *job);
@@ -70,8 +75,10 @@ static void encode_chunk(struct chunk *chunk)
     if (step->shape != NULL)
         cJSON_AddStringToObject(body, "shape", step->shape->sheet->pose->name);
     if (skd_encode_notification(call->mode, "stroke.weights", body, arrays, count, &chunk->encoded,
-                                &error) != SKD_OK)
+                                &error) != SKD_OK) {
         chunk->encoded.head = NULL;
+        chunk->lost = true;
+    }
 }
 
 static bool is_last_pass(const struct job *job)
@@ -107,8 +114,9 @@ static void add_residual(cJSON *object, const char *name, const struct skd_resid
     cJSON_AddNumberToObject(item, "max", residual->max);
 }
 
-static void add_warnings(cJSON *body, const struct skd_stroke *stroke)
+static void add_warnings(cJSON *body, const struct job *job)
 {
+    const struct skd_stroke *stroke = &job->stroke;
     cJSON *list = cJSON_AddArrayToObject(body, "warnings");
     for (int w = 0; w < SKD_WARNING_COUNT; w++) {
         char text[256];
@@ -121,6 +129,7 @@ static void add_warnings(cJSON *body, const struct skd_stroke *stroke)
         cJSON_AddStringToObject(item, "text", text);
         cJSON_AddItemToArray(list, item);
     }
+    skd_claims_warn(job->claims, job->call->live->session, stroke->step, list);
 }
 
 static cJSON *describe(const struct job *job, uint64_t revision)
@@ -140,7 +149,7 @@ static cJSON *describe(const struct job *job, uint64_t revision)
     cJSON_AddNumberToObject(body, "slots_changed", (double)stroke->slots_changed);
     cJSON_AddNumberToObject(body, "rest_moved", (double)stroke->rest_moved);
     cJSON_AddNumberToObject(body, "shaped", (double)stroke->shaped);
-    add_warnings(body, stroke);
+    add_warnings(body, job);
     cJSON *ms = cJSON_AddObjectToObject(body, "ms");
     cJSON_AddNumberToObject(ms, "wait", (double)(job->begun_ns - job->call->arrived_ns) * 1e-6);
     cJSON_AddNumberToObject(ms, "solve", (double)(job->solved_ns - job->solving_ns) * 1e-6);
@@ -148,18 +157,7 @@ static cJSON *describe(const struct job *job, uint64_t revision)
     return body;
 }
 
-static struct skd_update update_of(const struct job *job, uint64_t revision)
-{
-    return (struct skd_update){
-        .session = job->call->live->name,
-        .revision = revision,
-        .cause = job->stroke.pose != NULL ? "stroke" : "refit",
-        .client = job->call->client,
-        .step = job->stroke.step,
-    };
-}
-
-/* The last thing in a worker: residuals, the update as a line, the answer, then the weights. */
+/* The last thing in a worker: residuals, the answer, then the weights. */
 static enum skd_status answer(struct skd_call *call, struct skd_error *error)
 {
     struct job *job = call->state;
@@ -167,10 +165,6 @@ static enum skd_status answer(struct skd_call *call, struct skd_error *error)
     uint64_t revision = session->revision + (job->stroke.step->count > 0);
     struct skd_reply *reply = &call->reply;
     enum skd_status status = skd_stroke_finish(&job->stroke, error);
-    if (status == SKD_OK && job->want_line) {
-        struct skd_update update = update_of(job, revision);
-        status = skd_update_encode(SKD_WIRE_LINES, &update, &job->line, error);
-    }
     if (status != SKD_OK)
         return status;
     reply->body = describe(job, revision);
@@ -183,7 +177,7 @@ static enum skd_status answer(struct skd_call *call, struct skd_error *error)
     return SKD_OK;
 }
 
-static void commit(struct skd_call *call)
+static void write_step(struct skd_call *call)
 {
     const struct job *job = call->state;
     skd_session_write(call->live->session, job->stroke.step, false);
@@ -191,19 +185,25 @@ static void commit(struct skd_call *call)
 
 static void committed(struct skd_call *call)
 {
-    struct job *job = call->state;
-    struct skd_session *session = call->live->session;
+    const struct job *job = call->state;
     struct skd_step *step = job->stroke.step;
-    if (call->status == SKD_OK && step->count > 0) {
-        skd_history_push(&session->history, step);
-        skd_session_advance(session);
-        struct skd_update update = update_of(job, session->revision);
-        uint64_t but = call->request.params.stroke.stream ? call->connection_id : 0;
-        skd_updates_send(call->daemon, call->live, &update, but, &job->line);
-        call->daemon->stats.vertices_solved += step->count;
-        call->daemon->stats.solve_ns += job->solved_ns - job->solving_ns;
+    if (call->status != SKD_OK) {
+        skd_call_finish(call);
+        return;
     }
-    skd_call_finish(call);
+    if (step->count == 0) {
+        skd_commit_unchanged(call);
+        return;
+    }
+    call->daemon->stats.vertices_solved += step->count;
+    call->daemon->stats.solve_ns += job->solved_ns - job->solving_ns;
+    const struct skd_commit commit = {
+        .kind = SKD_COMMIT_STEP,
+        .step = step,
+        .cause = job->stroke.pose != NULL ? SKD_CAUSE_STROKE : SKD_CAUSE_REFIT,
+        .sender_knows = call->request.params.stroke.stream,
+    };
+    skd_commit(call, &commit);
 }
 
 static void begin_commit(struct job *job)
@@ -211,13 +211,16 @@ static void begin_commit(struct job *job)
     struct skd_call *call = job->call;
     struct skd_error error;
     job->solved_ns = uv_hrtime();
+    if (job->lost) { /* a sender that missed weights must not take them as told */
+        (void)skd_fail_memory(&error, "the stroke's weights on their way");
+        skd_call_fail(call, &error);
+        return;
+    }
     if (skd_history_reserve(&call->live->session->history, &error) != SKD_OK) {
         skd_call_fail(call, &error);
         return;
     }
-    uint64_t but = call->request.params.stroke.stream ? call->connection_id : 0;
-    job->want_line = skd_updates_want_line(call->daemon, call->live, but);
-    call->apply = commit;
+    call->apply = write_step;
     skd_call_work(call, answer, committed);
 }
 
@@ -228,6 +231,7 @@ static void chunk_done(uv_work_t *work, int status)
     SKD_ASSERT(status == 0);
     if (chunk->encoded.head != NULL)
         skd_call_send(job->call, &chunk->encoded, release_step, skd_step_hold(job->stroke.step));
+    job->lost |= chunk->lost;
     free(chunk);
     job->in_flight--;
     submit_chunks(job);
@@ -310,9 +314,14 @@ static void begin(struct skd_call *call)
 {
     struct job *job = call->state;
     struct skd_error error;
+    if (skd_repeat_answered(call))
+        return;
     job->begun_ns = uv_hrtime();
     job->stroke.session = call->live->session;
-    if (skd_stroke_claim(&job->stroke, &error) != SKD_OK)
+    job->claims = skd_claims_look(call);
+    if (skd_memory_check_step(call->daemon, job->stroke.session, job->stroke.input.count, &error) !=
+            SKD_OK ||
+        skd_stroke_claim(&job->stroke, &error) != SKD_OK)
         skd_call_fail(call, &error);
     else
         skd_call_work(call, prepare, prepared);
@@ -325,7 +334,7 @@ static void dismiss(struct skd_call *call)
     skd_stroke_dismiss(&job->stroke);
     skd_pose_release(pose);
     skd_named_poses_finish(&job->frames);
-    skd_encoded_finish(&job->line);
+    skd_claims_forget(job->claims);
     free(job);
 }
 

@@ -1,23 +1,24 @@
-/* What the attached connections of a session hear.
+/* What the attached connections of a session hear: every change, in order, and no stale one.
  *
- * Stage: reply. Thread: the loop; skd_update_encode also a worker, for connections that speak
- * lines, because spelling out a million numbers takes long.
+ *     committed ──> changes ──> durable ──> one message at a time to each listener
+ *                   (ring)                  [told + 1 .. revision], the newest value of each vertex
+ *
+ * Stage: reply. Thread: the loop; what has to be merged or spelled out is made by a worker.
+ *
+ * A listener that reads as fast as changes come gets each by itself, straight from its step. To one
+ * that does not, nothing is sent while anything waits in its connection, so that it costs no memory
+ * but the queue's; then changes that can be told together are. Where more is missing than the ring
+ * holds, or than it is worth, the message says `resync`.
+ *
+ * `told` is what a listener has when it has read what was sent. Whose stroke it was has its weights
+ * from stroke.weights and needs no update, but only if it has all before that: otherwise an update
+ * tells it the stroke together with the rest. So the rule for a tool is: the answer of a stroke
+ * counts if its revision is one more than what the tool has, else an update that covers it comes.
  */
 #ifndef SKD_REQUESTS_UPDATES_H
 #define SKD_REQUESTS_UPDATES_H
 
 #include "requests/state.h"
-
-/* One committed change. The step is borrowed. */
-struct skd_update {
-    const char *session;
-    uint64_t revision;
-    const char *cause;  /* "stroke", "set", "undo", "redo", ... */
-    const char *client; /* who asked */
-    struct skd_step *step;
-    bool undo;  /* the step's `before` is what holds now */
-    bool brief; /* say `resync` and leave the arrays out */
-};
 
 /* The arrays that tell items [first, first + count) of a step: vertices and weights; joints, rest
  * and offsets where the step may change them. Returns how many. */
@@ -25,21 +26,17 @@ enum { SKD_STEP_ARRAYS = 5 };
 int skd_step_arrays(const struct skd_step *step, bool undo, size_t first, size_t count,
                     struct skd_array_out arrays[SKD_STEP_ARRAYS]);
 
-/* A line names no more than 16,384 vertices: beyond that it says `resync` and leaves them out. */
-SKD_MUST_CHECK enum skd_status skd_update_encode(enum skd_wire_mode mode,
-                                                 const struct skd_update *update,
-                                                 struct skd_encoded *encoded,
-                                                 struct skd_error *error);
+/* Tells what may be told by now: when live->durable_revision rose, and before the answer of the
+ * change that it rose for. */
+void skd_updates_flush(struct skd_daemon *daemon, struct skd_live *live);
 
-/* True when a listener other than `but` speaks lines, so that a worker should encode one. */
-bool skd_updates_want_line(const struct skd_daemon *daemon, const struct skd_live *live,
-                           uint64_t but);
+/* The connection has written all that waited, and is ready for more. */
+void skd_updates_drained(struct skd_daemon *daemon, const struct skd_connection *connection);
 
-/* Sends the change to every listener but one (0: to all). *line, where its head is not NULL, is the
- * update as a line; it is taken over. Whoever came to speak lines too late for one is told to
- * `resync`. A listener with more than 64 MiB unread is dropped. */
-void skd_updates_send(struct skd_daemon *daemon, struct skd_live *live,
-                      const struct skd_update *update, uint64_t but, struct skd_encoded *line);
+/* Begins to tell a listener what came after a revision that it has. False: that cannot be told any
+ * more, and it is only told what comes from now on. */
+bool skd_updates_follow(struct skd_live *live, struct skd_listener_of_session *listener,
+                        bool has_revision, uint64_t revision);
 
 /* Tells the listeners that the session is gone. */
 void skd_updates_closed(struct skd_daemon *daemon, struct skd_live *live, const char *reason);

@@ -100,20 +100,27 @@ static void a_sheet_belongs_to_name_and_matrices(void **state)
         skd_pose_release(poses[i]);
 }
 
+/* Sheets in as many poses as there may be, and in one more: what comes of that is `last`. */
+static void fill(struct skd_sheets *sheets, bool in_use, enum skd_status last)
+{
+    struct skd_error error;
+    struct skd_sheet *sheet;
+    skd_sheets_init(sheets, SKD_PIN_NUMBERS, -1, 10, BONES);
+    for (int i = 0; i <= SKD_TARGET_POSES_MAX; i++) {
+        struct skd_pose *pose = make_pose("p", i);
+        assert_int_equal(skd_sheets_need(sheets, pose, &sheet, &error),
+                         i < SKD_TARGET_POSES_MAX ? SKD_OK : last);
+        if (in_use)
+            sheet->used = 1;
+        skd_pose_release(pose);
+    }
+}
+
 static void sheets_have_a_limit(void **state)
 {
     (void)state;
-    struct skd_error error;
     struct skd_sheets sheets;
-    struct skd_sheet *sheet;
-    skd_sheets_init(&sheets, SKD_PIN_NUMBERS, -1, 10, BONES);
-    for (int i = 0; i <= SKD_TARGET_POSES_MAX; i++) {
-        struct skd_pose *pose = make_pose("p", i);
-        enum skd_status status = skd_sheets_need(&sheets, pose, &sheet, &error);
-        assert_int_equal(status, i < SKD_TARGET_POSES_MAX ? SKD_OK : SKD_TOO_LARGE);
-        sheet->used = 1;
-        skd_pose_release(pose);
-    }
+    fill(&sheets, true, SKD_TOO_LARGE);
     assert_int_equal(sheets.count, SKD_TARGET_POSES_MAX);
     skd_sheets_finish(&sheets);
 }
@@ -121,15 +128,8 @@ static void sheets_have_a_limit(void **state)
 static void idle_sheets_make_way(void **state)
 {
     (void)state;
-    struct skd_error error;
     struct skd_sheets sheets;
-    struct skd_sheet *sheet;
-    skd_sheets_init(&sheets, SKD_PIN_NUMBERS, -1, 10, BONES);
-    for (int i = 0; i <= SKD_TARGET_POSES_MAX; i++) {
-        struct skd_pose *pose = make_pose("p", i);
-        assert_int_equal(skd_sheets_need(&sheets, pose, &sheet, &error), SKD_OK);
-        skd_pose_release(pose);
-    }
+    fill(&sheets, false, SKD_OK);
     assert_int_equal(sheets.count, SKD_TARGET_POSES_MAX + 1);
     struct skd_sheet *used = sheets.items[3], *kept = sheets.items[5];
     used->used = 1;
@@ -143,6 +143,36 @@ static void idle_sheets_make_way(void **state)
     skd_sheets_finish(&sheets);
 }
 
+/* The order in which sheets were made is nowhere to be seen: strokes add poses up in this one. */
+static void sheets_stand_in_the_order_of_their_poses(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *name;
+        double turn;
+    } poses[] = {{"m", 2}, {"a", 5}, {"m", 1}, {"z", 0}, {"b", 3}};
+    struct skd_sheets orders[2];
+    for (size_t order = 0; order < 2; order++) {
+        skd_sheets_init(&orders[order], SKD_PIN_NUMBERS, -1, VERTICES, BONES);
+        for (size_t i = 0; i < 5; i++) {
+            size_t at = order == 0 ? i : 4 - i;
+            struct skd_sheet *sheet;
+            struct skd_pose *pose = make_pose(poses[at].name, poses[at].turn);
+            assert_int_equal(skd_sheets_need(&orders[order], pose, &sheet, NULL), SKD_OK);
+            skd_pose_release(pose);
+        }
+    }
+    const char *const names[] = {"a", "b", "m", "m", "z"};
+    for (size_t i = 0; i < 5; i++) {
+        const struct skd_pose *pose = orders[0].items[i]->pose;
+        assert_string_equal(pose->name, names[i]);
+        assert_memory_equal(pose->matrices, orders[1].items[i]->pose->matrices,
+                            BONES * SKD_MATRIX_SIZE * sizeof(double));
+    }
+    skd_sheets_finish(&orders[0]);
+    skd_sheets_finish(&orders[1]);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -150,6 +180,7 @@ int main(void)
         cmocka_unit_test(a_sheet_belongs_to_name_and_matrices),
         cmocka_unit_test(sheets_have_a_limit),
         cmocka_unit_test(idle_sheets_make_way),
+        cmocka_unit_test(sheets_stand_in_the_order_of_their_poses),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,222 @@
+/* See keeping.h. */
+#include "requests/keeping.h"
+
+#include "base/log.h"
+#include "journal/journal.h"
+#include "journal/whole.h"
+#include "requests/broadcast.h"
+#include "requests/live.h"
+#include "requests/recovering.h"
+#include "requests/rewriting.h"
+#include "requests/state_folder.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+/* How long a suspended session waits for the next try: twice as long each time. */
+enum { RETRY_MS_FIRST = 1000, RETRY_MS_MOST = 30000 };
+
+static void on_retry(uv_timer_t *timer);
+
+/* A file could not be written: its session goes on in memory until it can be written anew. */
+static void on_suspended(void *user, void *owner, const char *reason)
+{
+    struct skd_daemon *daemon = user;
+    struct skd_live *live = owner;
+    skd_journal_close(live->journal, NULL, NULL, NULL);
+    live->journal = NULL;
+    skd_keeping_suspend(daemon, live, reason);
+}
+
+void skd_keeping_suspend(struct skd_daemon *daemon, struct skd_live *live, const char *reason)
+{
+    struct skd_keeping *keeping = &daemon->keeping;
+    skd_log(SKD_LOG_ERROR, "session \"%s\": journal suspended: %s", live->name, reason);
+    live->suspended = true;
+    /* What is told from here on may never be on the disk: it is another line of revisions than the
+     * one that the next start would find there. */
+    live->renews = true;
+    if (!uv_is_active((uv_handle_t *)&keeping->retry)) {
+        keeping->retry_ms = RETRY_MS_FIRST;
+        uv_timer_start(&keeping->retry, on_retry, keeping->retry_ms, 0);
+    }
+    cJSON *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(body, "session", live->name);
+    cJSON_AddStringToObject(body, "reason", reason);
+    skd_broadcast(daemon, "journal.suspended", body);
+}
+
+void skd_keeping_resume(struct skd_daemon *daemon, struct skd_live *live)
+{
+    live->suspended = false;
+    skd_log(SKD_LOG_INFO, "session \"%s\": journal resumed", live->name);
+    cJSON *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(body, "session", live->name);
+    skd_broadcast(daemon, "journal.resumed", body);
+}
+
+static void on_retry(uv_timer_t *timer)
+{
+    struct skd_daemon *daemon = timer->data;
+    struct skd_keeping *keeping = &daemon->keeping;
+    struct skd_live *live, *next;
+    bool again = false;
+    HASH_ITER(hh, daemon->sessions, live, next)
+    {
+        if (live->suspended) {
+            skd_rewriting_start(daemon, live);
+            again = true;
+        }
+    }
+    if (!again || daemon->stopping)
+        return;
+    keeping->retry_ms =
+        2 * keeping->retry_ms < RETRY_MS_MOST ? 2 * keeping->retry_ms : RETRY_MS_MOST;
+    uv_timer_start(timer, on_retry, keeping->retry_ms, 0);
+}
+
+const char *skd_keeping_word(const struct skd_live *live)
+{
+    if (live->session->durability == SKD_DURABILITY_OFF)
+        return "off";
+    return live->suspended ? "suspended" : "ok";
+}
+
+static void append_poses(struct skd_live *live)
+{
+    struct skd_pose *pose, *next;
+    HASH_ITER(hh, live->session->poses.by_name, pose, next)
+    {
+        struct skd_record *record = skd_record_create_pose(pose);
+        if (record == NULL) {
+            live->poses_changed = true; /* the next reopening tells them */
+            return;
+        }
+        skd_journal_append(live->journal, record, NULL, NULL);
+    }
+}
+
+bool skd_keeping_reopen(struct skd_daemon *daemon, struct skd_live *live)
+{
+    char path[SKD_STATE_PATH_BYTES];
+    struct skd_error error;
+    bool poses_changed = live->poses_changed;
+    enum skd_status status =
+        skd_state_path(daemon->keeping.folder, SKD_STATE_OPEN, live->file, path, &error);
+    if (status == SKD_OK)
+        status = skd_journal_open(daemon->keeping.journal, path, live->session->durability,
+                                  live->session->instance, live, &live->journal, &error);
+    if (status != SKD_OK) {
+        live->journal = NULL;
+        skd_keeping_suspend(daemon, live, error.text);
+        return false;
+    }
+    live->file_bytes = skd_journal_bytes(live->journal);
+    live->poses_changed = false;
+    if (poses_changed)
+        append_poses(live);
+    return true;
+}
+
+enum skd_status skd_keeping_write_first(const struct skd_daemon *daemon,
+                                        struct skd_session *session,
+                                        char file[SKD_STATE_FILE_BYTES], struct skd_error *error)
+{
+    char path[SKD_STATE_PATH_BYTES];
+    struct skd_named_poses poses;
+    file[0] = '\0';
+    if (session->durability == SKD_DURABILITY_OFF)
+        return SKD_OK;
+    skd_state_new_file(session->name, file);
+    enum skd_status status =
+        skd_state_path(daemon->keeping.folder, SKD_STATE_OPEN, file, path, error);
+    if (status != SKD_OK)
+        return status;
+    status = skd_named_poses_all(session, &poses, error);
+    if (status == SKD_OK)
+        status = skd_journal_write(path, session, NULL, poses.items, poses.count, error);
+    skd_named_poses_finish(&poses);
+    return status;
+}
+
+void skd_keeping_begin(struct skd_daemon *daemon, struct skd_live *live,
+                       const char file[SKD_STATE_FILE_BYTES], const struct skd_error *failure)
+{
+    if (live->session->durability == SKD_DURABILITY_OFF)
+        return;
+    if (failure != NULL) {
+        skd_keeping_suspend(daemon, live, failure->text);
+        return;
+    }
+    memcpy(live->file, file, sizeof live->file);
+    (void)skd_keeping_reopen(daemon, live);
+}
+
+/* The file is where it is to be. */
+static void ended(void *user)
+{
+    struct skd_live *live = user;
+    struct skd_daemon *daemon = live->daemon;
+    if (live->end == SKD_KEEPING_CLOSED)
+        skd_state_forget_oldest(daemon->keeping.folder);
+    if (live->closer != NULL)
+        skd_call_answer(live->closer, cJSON_CreateObject());
+    live->closer = NULL;
+    skd_live_release(live);
+}
+
+void skd_keeping_end(struct skd_daemon *daemon, struct skd_live *live, enum skd_keeping_end end)
+{
+    const char *folder = daemon->keeping.folder;
+    char path[SKD_STATE_PATH_BYTES], target[SKD_STATE_PATH_BYTES] = "";
+    struct skd_error error;
+    struct skd_journal_file *journal = live->journal;
+    live->end = end;
+    if (live->away)
+        return;
+    live->journal = NULL;
+    skd_live_hold(live);
+    bool keeps =
+        end == SKD_KEEPING_CLOSED && live->session != NULL && live->session->history.count > 0;
+    if (keeps && skd_state_path(folder, SKD_STATE_CLOSED, live->file, target, &error) != SKD_OK)
+        keeps = false;
+    if (journal != NULL) {
+        skd_journal_close(journal, end == SKD_KEEPING_STAYS ? NULL : target, ended, live);
+        return;
+    }
+    /* Suspended: what its file holds is old, but better than nothing for who only closes it. */
+    if (end == SKD_KEEPING_REMOVED && live->file[0] != '\0' &&
+        skd_state_path(folder, SKD_STATE_OPEN, live->file, path, &error) == SKD_OK)
+        skd_state_remove(path);
+    ended(live);
+}
+
+enum skd_status skd_keeping_start(struct skd_daemon *daemon, const char *folder,
+                                  struct skd_error *error)
+{
+    struct skd_keeping *keeping = &daemon->keeping;
+    const struct skd_journal_events events = {.user = daemon, .suspended = on_suspended};
+    (void)snprintf(keeping->folder, sizeof keeping->folder, "%s", folder);
+    enum skd_status status = skd_state_folder_take(folder, &keeping->lock, error);
+    if (status != SKD_OK)
+        return status;
+    skd_journal_sweep(folder);
+    status = skd_journal_start(&keeping->journal, daemon->loop, &events, error);
+    if (status != SKD_OK) {
+        close(keeping->lock);
+        return status;
+    }
+    uv_timer_init(daemon->loop, &keeping->retry);
+    keeping->retry.data = daemon;
+    skd_recover_sessions(daemon);
+    return SKD_OK;
+}
+
+void skd_keeping_stop(struct skd_daemon *daemon)
+{
+    struct skd_keeping *keeping = &daemon->keeping;
+    uv_close((uv_handle_t *)&keeping->retry, NULL);
+    skd_journal_stop(keeping->journal);
+    close(keeping->lock);
+}

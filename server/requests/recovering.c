@@ -1,0 +1,135 @@
+/* See recovering.h. */
+#include "requests/recovering.h"
+
+#include "base/log.h"
+#include "journal/read.h"
+#include "requests/keeping.h"
+#include "requests/live.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct recovery {
+    const struct skd_daemon *daemon;
+    uv_loop_t loop; /* of its own: the daemon's has clients waiting, who are to find all sessions */
+    struct recovering *items; /* [count] */
+    size_t count;
+};
+
+struct recovering {
+    uv_work_t work;
+    struct recovery *recovery;
+    struct skd_state_file file;
+    char path[SKD_STATE_PATH_BYTES];
+    struct skd_session *session;
+    struct skd_journal_report report;
+    enum skd_status status;
+    struct skd_error error;
+};
+
+static void read_in_worker(uv_work_t *work)
+{
+    struct recovering *item = work->data;
+    char aside[SKD_STATE_PATH_BYTES];
+    const char *folder = item->recovery->daemon->keeping.folder;
+    item->status = skd_state_path(folder, SKD_STATE_DAMAGED, "", aside, &item->error);
+    if (item->status == SKD_OK)
+        item->status =
+            skd_journal_read(item->path, aside, &item->session, &item->report, &item->error);
+    if (item->status != SKD_OK || !item->report.rewrite)
+        return;
+    /* What was lost is copied aside already; from here on the session has a whole file again. */
+    char file[SKD_STATE_FILE_BYTES];
+    item->status =
+        skd_keeping_write_first(item->recovery->daemon, item->session, file, &item->error);
+    if (item->status != SKD_OK)
+        return;
+    skd_state_remove(item->path);
+    memcpy(item->file.name, file, sizeof file);
+}
+
+/* A session that cannot be opened beside those that are. One that was being written anew when the
+ * daemon died is there twice, and the older file goes; any other stays where it is. */
+static void leave(struct skd_daemon *daemon, struct recovering *item)
+{
+    struct skd_live *live;
+    HASH_FIND_STR(daemon->sessions, item->session->name, live);
+    if (live != NULL && strcmp(live->session->instance, item->session->instance) == 0)
+        skd_state_remove(item->path);
+    else
+        skd_log(SKD_LOG_WARNING, "%s is not opened: %s", item->path, item->error.text);
+    skd_session_destroy(item->session);
+}
+
+static void open_session(struct skd_daemon *daemon, struct recovering *item)
+{
+    struct skd_live *live;
+    if (item->session == NULL) {
+        skd_log(SKD_LOG_ERROR, "%s is not opened: %s", item->path, item->error.text);
+        return;
+    }
+    if (item->session->damage[0] != '\0')
+        skd_log(SKD_LOG_WARNING, "session \"%s\": %s", item->session->name, item->session->damage);
+    if (skd_live_reserve(daemon, item->session->name, &live, &item->error) != SKD_OK) {
+        leave(daemon, item);
+        return;
+    }
+    live->session = item->session;
+    live->durable_revision = item->session->revision;
+    skd_keeping_begin(daemon, live, item->file.name, item->status != SKD_OK ? &item->error : NULL);
+    skd_log(SKD_LOG_INFO, "session \"%s\" is open again at revision %llu", live->name,
+            (unsigned long long)live->session->revision);
+}
+
+static int highest_revision_first(const void *a, const void *b)
+{
+    const struct recovering *one = a, *other = b;
+    uint64_t x = one->session != NULL ? one->session->revision : 0;
+    uint64_t y = other->session != NULL ? other->session->revision : 0;
+    return x < y ? 1 : x > y ? -1 : 0;
+}
+
+static bool start_reading(struct skd_daemon *daemon, const struct skd_state_files *files,
+                          struct recovery *recovery)
+{
+    *recovery = (struct recovery){.daemon = daemon,
+                                  .items = calloc(files->count + 1, sizeof(struct recovering))};
+    if (recovery->items == NULL || uv_loop_init(&recovery->loop) != 0) {
+        free(recovery->items);
+        return false;
+    }
+    for (size_t i = 0; i < files->count; i++) {
+        struct recovering *item = &recovery->items[recovery->count];
+        item->file = files->items[i];
+        if (skd_state_path(daemon->keeping.folder, SKD_STATE_OPEN, item->file.name, item->path,
+                           &item->error) != SKD_OK)
+            continue;
+        item->recovery = recovery;
+        item->work.data = item;
+        recovery->count++;
+        int result = uv_queue_work(&recovery->loop, &item->work, read_in_worker, NULL);
+        SKD_ASSERT(result == 0);
+    }
+    return true;
+}
+
+void skd_recover_sessions(struct skd_daemon *daemon)
+{
+    struct skd_state_files files;
+    struct recovery recovery;
+    struct skd_error error;
+    if (skd_state_list(daemon->keeping.folder, SKD_STATE_OPEN, &files, &error) != SKD_OK) {
+        skd_log(SKD_LOG_ERROR, "%s", error.text);
+        return;
+    }
+    if (start_reading(daemon, &files, &recovery)) {
+        uv_run(&recovery.loop, UV_RUN_DEFAULT);
+        int left = uv_loop_close(&recovery.loop);
+        SKD_ASSERT(left == 0);
+        qsort(recovery.items, recovery.count, sizeof *recovery.items, highest_revision_first);
+        for (size_t i = 0; i < recovery.count; i++)
+            open_session(daemon, &recovery.items[i]);
+        free(recovery.items);
+    }
+    free(files.items);
+}
