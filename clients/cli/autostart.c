@@ -8,6 +8,8 @@
  */
 #include "clients/cli/autostart.h"
 
+#include "clients/cli/cli.h"
+
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -22,7 +24,8 @@
 #include <unistd.h>
 
 enum {
-    PATIENCE_MS = 10000,
+    PATIENCE_MS = 60000,
+    TELL_MS = 2000,
     PAUSE_MS = 10,
     RESPAWN_MS = 200, /* before another try, when a daemon on its way out holds the lock */
     SKIND_EXIT_BUSY = 3,
@@ -35,7 +38,9 @@ struct starting {
     char log[SKD_SOCKET_PATH_BYTES + 16];
     off_t log_begin; /* where this start's lines begin */
     int lock;
-    pid_t child; /* 0: none runs */
+    pid_t child;   /* 0: none runs */
+    long begun_ms; /* when we first looked */
+    bool told;     /* that it takes long */
 };
 
 static long now_ms(void)
@@ -88,24 +93,45 @@ static enum skd_status prepare(struct starting *starting, struct skd_error *erro
     return SKD_OK;
 }
 
+/* What the daemon is started with, and the numbers in it. */
+struct arguments {
+    const char *list[16];
+    char workers[16], idle_exit[16], tcp_port[16];
+};
+
+static void list_arguments(const struct skd_start *start, struct arguments *arguments)
+{
+    const char **next = arguments->list;
+    *arguments = (struct arguments){0};
+    (void)snprintf(arguments->workers, sizeof arguments->workers, "%d", start->workers);
+    (void)snprintf(arguments->idle_exit, sizeof arguments->idle_exit, "%d", start->idle_exit_s);
+    (void)snprintf(arguments->tcp_port, sizeof arguments->tcp_port, "%d", start->tcp_port);
+    const struct {
+        const char *name, *value;
+        bool is_given;
+    } options[] = {
+        {"--socket", start->path, true},
+        {"--state", start->state, start->state != NULL},
+        {"--tcp", arguments->tcp_port, start->tcp_port != SKD_NO_PORT},
+        {"--workers", arguments->workers, start->workers > 0},
+        {"--idle-exit", arguments->idle_exit, start->idle_exit_s > 0},
+    };
+    *next++ = "skind";
+    for (size_t i = 0; i < sizeof options / sizeof *options; i++) {
+        if (options[i].is_given) {
+            *next++ = options[i].name;
+            *next++ = options[i].value;
+        }
+    }
+}
+
 /* Detached: a session of its own, nothing of ours left open, at home in /. */
 static enum skd_status spawn(struct starting *starting, struct skd_error *error)
 {
     extern char **environ;
-    char program[SKD_PATH_BYTES_MAX], workers[16], idle_exit[16];
-    const struct skd_start *start = starting->start;
-    const char *arguments[8] = {"skind", "--socket", start->path};
-    size_t count = 3;
-    (void)snprintf(workers, sizeof workers, "%d", start->workers);
-    (void)snprintf(idle_exit, sizeof idle_exit, "%d", start->idle_exit_s);
-    if (start->workers > 0) {
-        arguments[count++] = "--workers";
-        arguments[count++] = workers;
-    }
-    if (start->idle_exit_s > 0) {
-        arguments[count++] = "--idle-exit";
-        arguments[count] = idle_exit;
-    }
+    char program[SKD_PATH_BYTES_MAX];
+    struct arguments arguments;
+    list_arguments(starting->start, &arguments);
     find_daemon(program);
     struct stat info;
     starting->log_begin = stat(starting->log, &info) == 0 ? info.st_size : 0;
@@ -128,7 +154,7 @@ static enum skd_status spawn(struct starting *starting, struct skd_error *error)
     posix_spawnattr_setsigmask(&attributes, &nothing);
     posix_spawnattr_setsigdefault(&attributes, &everything);
     int result = posix_spawnp(&starting->child, program, &actions, &attributes,
-                              (char *const *)(uintptr_t)arguments, environ);
+                              (char *const *)(uintptr_t)arguments.list, environ);
     posix_spawnattr_destroy(&attributes);
     posix_spawn_file_actions_destroy(&actions);
     if (result == 0)
@@ -182,12 +208,24 @@ static bool child_lives(struct starting *starting, bool *busy)
     return *busy;
 }
 
+/* A short while before the next try. False when there were enough of them. */
+static bool wait_on(struct starting *starting)
+{
+    long waited = now_ms() - starting->begun_ms;
+    if (waited >= TELL_MS && !starting->told) {
+        skd_cli_say("waiting for skind to start ...");
+        starting->told = true;
+    }
+    pause_ms(PAUSE_MS);
+    return waited < PATIENCE_MS;
+}
+
 /* With the start lock held: spawns, and connects as soon as hello is answered. */
-static enum skd_status spawn_and_wait(struct starting *starting, struct skd_link *link, long until,
+static enum skd_status spawn_and_wait(struct starting *starting, struct skd_link *link,
                                       struct skd_error *error)
 {
     long next_spawn = 0;
-    while (now_ms() < until) {
+    do {
         bool busy;
         switch (skd_link_open(link, starting->start->path, error)) {
         case SKD_LINK_UP:
@@ -207,16 +245,14 @@ static enum skd_status spawn_and_wait(struct starting *starting, struct skd_link
             if (status != SKD_OK)
                 return status;
         }
-        pause_ms(PAUSE_MS);
-    }
-    return fail_with_log(starting, "skind was started but does not answer within 10 s", error);
+    } while (wait_on(starting));
+    return fail_with_log(starting, "skind was started but does not answer within a minute", error);
 }
 
 enum skd_status skd_autostart(struct skd_link *link, struct skd_start *start,
                               struct skd_error *error)
 {
-    struct starting starting = {.start = start, .lock = -1};
-    long until = now_ms() + PATIENCE_MS;
+    struct starting starting = {.start = start, .lock = -1, .begun_ms = now_ms()};
     enum skd_status status = SKD_OK;
     start->started = false;
     for (;;) {
@@ -228,17 +264,16 @@ enum skd_status skd_autostart(struct skd_link *link, struct skd_start *start,
         if (starting.lock < 0 && (status = prepare(&starting, error)) != SKD_OK)
             break;
         if (flock(starting.lock, LOCK_EX | LOCK_NB) == 0) {
-            status = spawn_and_wait(&starting, link, until, error);
+            status = spawn_and_wait(&starting, link, error);
             break;
         }
-        if (now_ms() >= until) {
+        if (!wait_on(&starting)) {
             status = skd_fail(error, SKD_BUSY,
-                              "another program has been starting skind for 10 s; try again, or "
-                              "look into %s",
+                              "another program has been starting skind for a minute; try again, "
+                              "or look into %s",
                               starting.log);
             break;
         }
-        pause_ms(PAUSE_MS);
     }
     if (starting.lock >= 0)
         close(starting.lock);

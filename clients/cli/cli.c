@@ -6,6 +6,7 @@
 
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { IDLE_EXIT_SECONDS = 1800 }; /* of a daemon that nobody asked for by name */
@@ -52,16 +53,42 @@ void skd_cli_say(const char *format, ...)
     fputc('\n', stderr);
 }
 
+enum skd_status skd_cli_address(char address[SKD_SOCKET_PATH_BYTES], struct skd_error *error)
+{
+    const char *chosen = skd_cli.socket != NULL ? skd_cli.socket : getenv("SKIND_SOCKET");
+    if (chosen == NULL || !skd_address_is_port(chosen))
+        return skd_socket_path(skd_cli.socket, address, error);
+    (void)snprintf(address, SKD_SOCKET_PATH_BYTES, "%s", chosen);
+    return SKD_OK;
+}
+
 enum skd_status skd_cli_connect(struct skd_link *link, struct skd_error *error)
 {
-    char path[SKD_SOCKET_PATH_BYTES];
-    struct skd_start start = {.path = path, .idle_exit_s = IDLE_EXIT_SECONDS};
-    enum skd_status status = skd_socket_path(skd_cli.socket, path, error);
-    if (status == SKD_OK)
-        status = skd_autostart(link, &start, error);
+    char address[SKD_SOCKET_PATH_BYTES];
+    struct skd_start start = {
+        .path = address, .tcp_port = SKD_NO_PORT, .idle_exit_s = IDLE_EXIT_SECONDS};
+    enum skd_status status = skd_cli_address(address, error);
+    if (status != SKD_OK)
+        return status;
+    if (skd_address_is_port(address))
+        return skd_link_open(link, address, error) == SKD_LINK_UP ? SKD_OK : error->status;
+    status = skd_autostart(link, &start, error);
     if (status == SKD_OK && start.started)
         skd_cli_say("started skind (pid %ld); it ends when nobody needed it for half an hour",
                     link->pid);
+    return status;
+}
+
+enum skd_status skd_cli_reconnect(struct skd_link *link, struct skd_error *error)
+{
+    struct skd_link before = *link;
+    skd_link_close(link);
+    enum skd_status status = skd_cli_connect(link, error);
+    if (status == SKD_OK) {
+        link->notify = before.notify;
+        link->user = before.user;
+        link->last_id = before.last_id; /* so that no two requests have the same one */
+    }
     return status;
 }
 

@@ -11,6 +11,7 @@
 #ifndef SKD_CLI_H
 #define SKD_CLI_H
 
+#include "base/paths.h"
 #include "clients/cli/link.h"
 
 #include <popt.h>
@@ -23,7 +24,7 @@ enum skd_exit {
 
 /* The options that several commands take. */
 struct skd_cli_options {
-    char *socket;  /* NULL: the default of base/paths.h */
+    char *socket;  /* an address (link.h); NULL: the default of base/paths.h */
     char *session; /* NULL: the only open one */
     int json;
     int quiet;
@@ -63,7 +64,7 @@ struct skd_command {
 
 extern const struct skd_command skd_command_start, skd_command_stop, skd_command_status;
 extern const struct skd_command skd_command_load, skd_command_list, skd_command_info;
-extern const struct skd_command skd_command_close;
+extern const struct skd_command skd_command_close, skd_command_session;
 extern const struct skd_command skd_command_undo, skd_command_redo, skd_command_export;
 extern const struct skd_command skd_command_pose, skd_command_weights, skd_command_stroke;
 extern const struct skd_command skd_command_pins, skd_command_guard, skd_command_shapes;
@@ -83,11 +84,21 @@ int skd_cli_exit(enum skd_status status);
 int skd_cli_conclude(struct skd_link *link, struct skd_message *answer, enum skd_status status,
                      void (*print)(const cJSON *result));
 
+/* skinctl list, with or without what is closed or damaged. */
+int skd_cli_list(bool all, struct skd_error *error);
+
 /* Talks on stderr, unless told to be quiet. */
 void skd_cli_say(const char *format, ...) __attribute__((format(printf, 1, 2)));
 
-/* Connects to the daemon and starts it when none runs. */
+/* Where the daemon is, or is to be: --socket, else $SKIND_SOCKET, else the user's own socket. */
+SKD_MUST_CHECK enum skd_status skd_cli_address(char address[SKD_SOCKET_PATH_BYTES],
+                                               struct skd_error *error);
+
+/* Connects to the daemon and starts it when none runs, unless its address is a port. */
 SKD_MUST_CHECK enum skd_status skd_cli_connect(struct skd_link *link, struct skd_error *error);
+
+/* The same for a link that was up and was lost. It is closed when that fails. */
+SKD_MUST_CHECK enum skd_status skd_cli_reconnect(struct skd_link *link, struct skd_error *error);
 
 /* Connects, and finds the session that is meant. Returns an enum skd_exit; *link needs no closing
  * when it is not SKD_EXIT_OK. */

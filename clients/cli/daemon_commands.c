@@ -5,6 +5,7 @@
 #include "clients/cli/autostart.h"
 #include "clients/cli/cli.h"
 #include "clients/cli/print.h"
+#include "clients/cli/values.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -13,51 +14,97 @@
 #include <sys/pidfd.h>
 #include <unistd.h>
 
-enum { WORKERS_MAX = 256, STOP_MS = 10000 };
+enum { WORKERS_MAX = 256, PORT_MAX = 65535, STOP_MS = 30000 };
 
 static struct {
     int workers;
     int idle_exit;
-} options;
+    int tcp_port;
+    char *state;
+    int all;
+} options = {.tcp_port = SKD_NO_PORT};
 
 static const struct poptOption start_options[] = {
     {"workers", 'w', POPT_ARG_INT, &options.workers, 0, "threads that solve (default: one a core)",
      "N"},
     {"idle-exit", 'i', POPT_ARG_INT, &options.idle_exit, 0,
      "end it after this long without clients and unexported work (default: never)", "SECONDS"},
+    {"state", 0, POPT_ARG_STRING, &options.state, 0,
+     "keep the sessions here (default: $SKIND_STATE, else a folder of ~/.local/state/skind)",
+     "DIR"},
+    {"tcp", 0, POPT_ARG_INT, &options.tcp_port, 0,
+     "listen on this port of 127.0.0.1 as well (0: any)", "PORT"},
     POPT_TABLEEND,
 };
 
-static int run_start(const char *const *arguments, int count, struct skd_error *error)
+static void report_started(const struct skd_link *link, const struct skd_start *start, int port)
 {
-    char path[SKD_SOCKET_PATH_BYTES];
-    struct skd_link link;
-    struct skd_start start = {
-        .path = path, .workers = options.workers, .idle_exit_s = options.idle_exit};
-    (void)arguments;
-    (void)count;
+    if (skd_cli.json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddBoolToObject(json, "started", start->started);
+        cJSON_AddNumberToObject(json, "pid", (double)link->pid);
+        cJSON_AddStringToObject(json, "version", link->version);
+        cJSON_AddStringToObject(json, "socket", start->path);
+        if (port != SKD_NO_PORT)
+            cJSON_AddNumberToObject(json, "port", port);
+        skd_print_own_json(json);
+        return;
+    }
+    skd_cli_say(start->started ? "started skind %s (pid %ld) on %s"
+                               : "skind %s (pid %ld) runs already on %s",
+                link->version, link->pid, start->path);
+    if (port != SKD_NO_PORT)
+        skd_cli_say("and on tcp:%d, for who has the token in %s.token", port, start->path);
+}
+
+/* What is wrong with the options and the address, or SKD_EXIT_OK. */
+static int check_start(const char *address, struct skd_error *error)
+{
     if (options.workers < 0 || options.workers > WORKERS_MAX || options.idle_exit < 0)
         return skd_cli_usage(error, "--workers takes 1 to %d, --idle-exit whole seconds",
                              WORKERS_MAX);
-    enum skd_status status = skd_socket_path(skd_cli.socket, path, error);
+    if (options.tcp_port < SKD_NO_PORT || options.tcp_port > PORT_MAX)
+        return skd_cli_usage(error, "--tcp takes a port, or 0 for any that is free");
+    if (skd_address_is_port(address))
+        return skd_cli_usage(error, "skind is started on a socket, not on %s; --tcp opens a port",
+                             address);
+    return SKD_EXIT_OK;
+}
+
+static int run_start(const char *const *arguments, int count, struct skd_error *error)
+{
+    char path[SKD_SOCKET_PATH_BYTES], state[SKD_PATH_BYTES_MAX], token[SKD_TOKEN_DIGITS + 1];
+    struct skd_link link;
+    struct skd_start start = {.path = path,
+                              .tcp_port = options.tcp_port,
+                              .workers = options.workers,
+                              .idle_exit_s = options.idle_exit};
+    int port = SKD_NO_PORT;
+    (void)arguments;
+    (void)count;
+    if (skd_cli_address(path, error) != SKD_OK)
+        return SKD_EXIT_FAILED;
+    int result = check_start(path, error);
+    if (result != SKD_EXIT_OK)
+        return result;
+    enum skd_status status = SKD_OK;
+    if (options.state != NULL) {
+        status = skd_path_absolute(options.state, state, error);
+        start.state = state;
+    }
     if (status == SKD_OK)
         status = skd_autostart(&link, &start, error);
     if (status != SKD_OK)
         return SKD_EXIT_FAILED;
-    if (skd_cli.json) {
-        cJSON *json = cJSON_CreateObject();
-        cJSON_AddBoolToObject(json, "started", start.started);
-        cJSON_AddNumberToObject(json, "pid", (double)link.pid);
-        cJSON_AddStringToObject(json, "version", link.version);
-        cJSON_AddStringToObject(json, "socket", path);
-        skd_print_own_json(json);
-    } else {
-        skd_cli_say(start.started ? "started skind %s (pid %ld) on %s"
-                                  : "skind %s (pid %ld) runs already on %s",
-                    link.version, link.pid, path);
-    }
+    if (options.tcp_port != SKD_NO_PORT)
+        status = skd_token_read(path, token, &port, error);
+    if (status == SKD_NO_FILE && !start.started)
+        (void)skd_fail(error, status, "skind (pid %ld) runs already, without a port; stop it first",
+                       link.pid);
+    if (status == SKD_OK)
+        report_started(&link, &start, port);
     skd_link_close(&link);
-    return SKD_EXIT_OK;
+    return skd_cli_exit(status);
 }
 
 const struct skd_command skd_command_start = {
@@ -68,9 +115,12 @@ const struct skd_command skd_command_start = {
     .options = start_options,
     .details = "Other commands start it by themselves, to end after half an hour without use.\n"
                "The program is $SKIND_BIN, else the skind beside skinctl, else the one on PATH;\n"
-               "its log is skind.log in the socket's folder.\n",
+               "its log is skind.log in the socket's folder.\n"
+               "A client of a port is told --socket tcp:PORT, or SKIND_SOCKET=tcp:PORT, and shows\n"
+               "the token: $SKIND_TOKEN, else that in the file beside the user's own socket.\n",
     .examples = "  skinctl start\n"
-                "  skinctl start --workers 2 --idle-exit 600\n",
+                "  skinctl start --workers 2 --idle-exit 600\n"
+                "  skinctl start --tcp 7531 && skinctl --socket tcp:7531 status\n",
     .run = run_start,
 };
 
@@ -78,7 +128,7 @@ const struct skd_command skd_command_start = {
 static enum skd_link_state find_running(struct skd_link *link, char path[SKD_SOCKET_PATH_BYTES],
                                         struct skd_error *error)
 {
-    if (skd_socket_path(skd_cli.socket, path, error) != SKD_OK)
+    if (skd_cli_address(path, error) != SKD_OK)
         return SKD_LINK_FAILED;
     return skd_link_open(link, path, error);
 }
@@ -137,31 +187,12 @@ const struct skd_command skd_command_stop = {
     .name = "stop",
     .arguments = "",
     .summary = "stop the daemon and wait until it is gone",
-    .details = "Sessions are closed: export first what is to be kept.\n",
+    .details = "Nothing is lost: sessions are there again when it starts the next time, with what\n"
+               "there is to undo; only those with durability off are gone.\n",
     .examples = "  skinctl stop\n"
                 "  skinctl stop --socket /tmp/test/skind.sock\n",
     .run = run_stop,
 };
-
-static void print_sessions(const cJSON *sessions)
-{
-    struct skd_table table = {
-        .columns = 6,
-        .titles = {"session", "revision", "vertices", "bones", "influences", "attached"},
-        .is_number = {[1] = true, [2] = true, [3] = true, [4] = true, [5] = true}};
-    const cJSON *item;
-    cJSON_ArrayForEach(item, sessions)
-    {
-        static const char *const members[] = {"revision", "vertices", "bones", "influences",
-                                              "attached"};
-        char counts[5][SKD_COUNT_TEXT_BYTES];
-        const char *cells[6] = {skd_json_text(item, "session")};
-        for (int i = 0; i < 5; i++)
-            cells[i + 1] = skd_count_text(skd_json_number(item, members[i]), counts[i]);
-        skd_table_add(&table, cells);
-    }
-    skd_table_print(&table, 0);
-}
 
 static void print_status(const struct skd_link *link, const char *path, const cJSON *stats,
                          const cJSON *sessions)
@@ -174,10 +205,7 @@ static void print_status(const struct skd_link *link, const char *path, const cJ
     printf("solved %s vertices in %.1f ms\n",
            skd_count_text(skd_json_number(stats, "vertices_solved"), solved),
            skd_json_number(stats, "solve_ms"));
-    if (cJSON_GetArraySize(sessions) > 0)
-        print_sessions(sessions);
-    else
-        puts("no rig session is open");
+    skd_print_sessions(sessions);
 }
 
 /* Exit status 1 is the answer here, and the error was not needed. */
@@ -249,29 +277,66 @@ const struct skd_command skd_command_status = {
     .run = run_status,
 };
 
-static void print_list(const cJSON *result)
+static void print_closed(const cJSON *closed)
 {
-    print_sessions(cJSON_GetObjectItemCaseSensitive(result, "sessions"));
+    struct skd_table table = {
+        .columns = 3, .titles = {"closed session", "when", "size"}, .is_number = {[2] = true}};
+    const cJSON *item;
+    cJSON_ArrayForEach(item, closed)
+    {
+        char size[SKD_COUNT_TEXT_BYTES], when[SKD_TIME_TEXT_BYTES];
+        skd_table_add(&table,
+                      (const char *const[]){skd_json_text(item, "session"),
+                                            skd_time_text(skd_json_number(item, "closed_at"), when),
+                                            skd_bytes_text(skd_json_number(item, "bytes"), size)});
+    }
+    if (table.rows > 0)
+        skd_table_print(&table, 0);
 }
 
-static int run_list(const char *const *arguments, int count, struct skd_error *error)
+static void print_list(const cJSON *result)
+{
+    const cJSON *item;
+    skd_print_sessions(cJSON_GetObjectItemCaseSensitive(result, "sessions"));
+    if (!options.all)
+        return;
+    print_closed(cJSON_GetObjectItemCaseSensitive(result, "closed"));
+    cJSON_ArrayForEach(item, cJSON_GetObjectItemCaseSensitive(result, "damaged"))
+        printf("damaged: %s: %s\n", skd_json_text(item, "file"), skd_json_text(item, "text"));
+}
+
+int skd_cli_list(bool all, struct skd_error *error)
 {
     struct skd_link link;
     struct skd_message answer;
-    (void)arguments;
-    (void)count;
+    options.all |= all;
     if (skd_cli_connect(&link, error) != SKD_OK)
         return SKD_EXIT_FAILED;
     enum skd_status status = skd_link_call(&link, "session.list", NULL, NULL, 0, &answer, error);
     return skd_cli_conclude(&link, &answer, status, print_list);
 }
 
+static int run_list(const char *const *arguments, int count, struct skd_error *error)
+{
+    (void)arguments;
+    (void)count;
+    return skd_cli_list(false, error);
+}
+
+static const struct poptOption list_options[] = {
+    {"all", 'a', POPT_ARG_NONE, &options.all, 0,
+     "closed ones too, and files that were damaged and set aside", NULL},
+    POPT_TABLEEND,
+};
+
 const struct skd_command skd_command_list = {
     .group = SKD_GROUP_SESSION,
     .name = "list",
     .arguments = "",
-    .summary = "list the open rig sessions",
+    .summary = "list the open rig sessions, how they are kept, and how many tools are there",
+    .options = list_options,
     .examples = "  skinctl list\n"
+                "  skinctl list --all\n"
                 "  skinctl list --json\n",
     .run = run_list,
 };

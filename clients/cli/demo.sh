@@ -19,9 +19,9 @@ done
 
 out=$PWD/out/demo
 mkdir -p "$out"
-# A socket of the demo's own, so that it never touches a daemon that the user works with.
+# A socket and a state folder of the demo's own: it never touches what the user works with.
 runtime=$(mktemp -d)
-export SKIND_SOCKET=$runtime/demo.sock
+export SKIND_SOCKET=$runtime/demo.sock SKIND_STATE=$runtime/state
 cleanup() {
     "$bin/skinctl" --quiet stop >/dev/null 2>&1 || true
     rm -rf "$runtime"

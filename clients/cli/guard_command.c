@@ -5,7 +5,7 @@
 #include "clients/cli/cli.h"
 #include "clients/cli/model.h"
 #include "clients/cli/print.h"
-#include "clients/cli/solving.h"
+#include "clients/cli/values.h"
 
 #include <stdio.h>
 
@@ -49,14 +49,6 @@ static void print_guard(const cJSON *result)
     skd_table_print(&table, 2);
 }
 
-static void add_names(cJSON *body, const char *member, char **names)
-{
-    if (names != NULL)
-        cJSON_AddItemToObject(
-            body, member,
-            cJSON_CreateStringArray((const char *const *)names, (int)skd_count_texts(names)));
-}
-
 static int run_guard(const char *const *arguments, int count, struct skd_error *error)
 {
     struct skd_link link;
@@ -75,8 +67,8 @@ static int run_guard(const char *const *arguments, int count, struct skd_error *
     if (result != SKD_EXIT_OK)
         return result;
     cJSON *body = skd_session_body(session);
-    add_names(body, "clips", options.clips);
-    add_names(body, "poses", options.poses);
+    skd_add_texts(body, "clips", options.clips);
+    skd_add_texts(body, "poses", options.poses);
     if (options.count != -1)
         cJSON_AddNumberToObject(body, "count", options.count);
     enum skd_status status =

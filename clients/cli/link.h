@@ -1,6 +1,9 @@
 /* A connection to skind: requests out, answers and notifications in.
  *
  * Stage: the client's end of the wire. Thread: one; every call blocks. Speaks frames.
+ *
+ * An address is the path of a socket, or "tcp:PORT" for a port of this machine, where the daemon
+ * asks for its token: $SKIND_TOKEN, else what stands beside the user's own socket.
  */
 #ifndef SKD_CLI_LINK_H
 #define SKD_CLI_LINK_H
@@ -14,6 +17,8 @@ struct skd_link {
     long pid;         /* the daemon's, as it said in hello */
     char version[32]; /* likewise */
     char bye[128];    /* why the daemon closes the connection, once it said so */
+    bool has_ended;   /* nothing more comes */
+    int patience_s;   /* how long a read may still wait; 0: for ever */
     /* Called for each notification that comes while an answer is waited for; may be NULL. */
     void (*notify)(void *user, const struct skd_message *message);
     void *user;
@@ -25,8 +30,20 @@ enum skd_link_state {
     SKD_LINK_FAILED, /* somebody does, but refused us; see the error */
 };
 
-/* Connects to a socket and says hello. *link is to be closed only when it is up. */
-SKD_MUST_CHECK enum skd_link_state skd_link_open(struct skd_link *link, const char *path,
+/* "tcp:PORT", and nothing else. */
+bool skd_address_is_port(const char *address);
+
+/* A TCP daemon's token and port, from the file beside its socket. Errors: SKD_NO_FILE when there is
+ * none, SKD_BAD_TOKEN when it holds something else. */
+SKD_MUST_CHECK enum skd_status skd_token_read(const char *socket_path,
+                                              char token[SKD_TOKEN_DIGITS + 1], int *port,
+                                              struct skd_error *error);
+
+/* Connects to an address and says hello, which a daemon that still reads its sessions answers when
+ * it has them: a minute at most, and after two seconds that is told. It is said with a name that is
+ * the same for all that is run in this terminal: $SKIND_CLIENT, else one made of the terminal
+ * session's number. *link is to be closed only when it is up. */
+SKD_MUST_CHECK enum skd_link_state skd_link_open(struct skd_link *link, const char *address,
                                                  struct skd_error *error);
 void skd_link_close(struct skd_link *link);
 
@@ -36,6 +53,9 @@ void skd_link_close(struct skd_link *link);
 SKD_MUST_CHECK enum skd_status skd_link_call(struct skd_link *link, const char *method, cJSON *body,
                                              const struct skd_array_out *arrays, int array_count,
                                              struct skd_message *answer, struct skd_error *error);
+
+/* Whether the connection was cut off, by a daemon that did not say goodbye. */
+bool skd_link_is_lost(const struct skd_link *link);
 
 /* Waits for the next message of any kind; finish it in any case. */
 SKD_MUST_CHECK enum skd_status skd_link_next(struct skd_link *link, struct skd_message *message,

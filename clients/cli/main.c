@@ -12,12 +12,12 @@
 #include <unistd.h>
 
 static const struct skd_command *const commands[] = {
-    &skd_command_start,   &skd_command_stop,   &skd_command_status, &skd_command_load,
-    &skd_command_list,    &skd_command_info,   &skd_command_export, &skd_command_close,
-    &skd_command_pose,    &skd_command_stroke, &skd_command_undo,   &skd_command_redo,
-    &skd_command_weights, &skd_command_pins,   &skd_command_guard,  &skd_command_shapes,
-    &skd_command_refit,   &skd_command_script, &skd_command_replay, &skd_command_generate,
-    &skd_command_watch,   &skd_command_call,
+    &skd_command_start,    &skd_command_stop,    &skd_command_status, &skd_command_load,
+    &skd_command_list,     &skd_command_info,    &skd_command_export, &skd_command_close,
+    &skd_command_session,  &skd_command_pose,    &skd_command_stroke, &skd_command_undo,
+    &skd_command_redo,     &skd_command_weights, &skd_command_pins,   &skd_command_guard,
+    &skd_command_shapes,   &skd_command_refit,   &skd_command_script, &skd_command_replay,
+    &skd_command_generate, &skd_command_watch,   &skd_command_call,
 };
 enum { COMMAND_COUNT = sizeof commands / sizeof *commands };
 
@@ -33,7 +33,7 @@ static int want_help, want_version;
 
 static const struct poptOption global_options[] = {
     {"socket", 0, POPT_ARG_STRING, &skd_cli.socket, 0,
-     "the daemon's socket (default: $SKIND_SOCKET, else the user's own)", "PATH"},
+     "the daemon's socket, or tcp:PORT (default: $SKIND_SOCKET, else the user's own)", "PATH"},
     {"json", 0, POPT_ARG_NONE, &skd_cli.json, 0, "print one JSON object for programs", NULL},
     {"quiet", 'q', POPT_ARG_NONE, &skd_cli.quiet, 0, "no talk and no progress on stderr", NULL},
     {"help", 'h', POPT_ARG_NONE, &want_help, 0, "explain this, with examples", NULL},

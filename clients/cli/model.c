@@ -1,12 +1,20 @@
 /* See model.h. */
 #include "clients/cli/model.h"
 
+#include "clients/cli/cli.h"
 #include "clients/cli/print.h"
 #include "clients/cli/values.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+enum {
+    PROCESSES = 4096, /* that are told apart in sequences */
+    TRIES_MAX = 8,    /* of one request, which may be what the daemon dies of */
+};
 
 cJSON *skd_session_body(const char *session)
 {
@@ -15,12 +23,66 @@ cJSON *skd_session_body(const char *session)
     return body;
 }
 
-enum skd_status skd_session_export(struct skd_link *link, const char *session, const char *path,
+/* Milliseconds of the clock, and below them the process: they rise, and two processes of a
+ * terminal, whose ids are near each other, do not choose the same. Below 2^53 until 2039. */
+double skd_next_sequence(void)
+{
+    static int64_t last;
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    int64_t ms = (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+    int64_t next = ms * PROCESSES + getpid() % PROCESSES;
+    last = next > last ? next : last + PROCESSES;
+    return (double)last;
+}
+
+/* Connects anew, and makes sure that nothing that was answered is gone. */
+static enum skd_status come_back(struct skd_model *model, struct skd_error *error)
+{
+    struct skd_message info = {0};
+    skd_cli_say("the connection to skind broke off; connecting again");
+    enum skd_status status = skd_cli_reconnect(model->link, error);
+    if (status == SKD_OK)
+        status = skd_link_call(model->link, "session.info", skd_session_body(model->session), NULL,
+                               0, &info, error);
+    if (status == SKD_OK && strcmp(skd_json_text(info.result, "instance"),
+                                   skd_json_text(model->info.result, "instance")) != 0)
+        status = skd_fail(error, SKD_DAMAGED,
+                          "skind ended, and session \"%s\" came back at revision %.0f without its "
+                          "last changes (durability %s)",
+                          model->session, skd_json_number(info.result, "revision"),
+                          skd_json_text(info.result, "durability"));
+    skd_message_finish(&info);
+    return status;
+}
+
+enum skd_status skd_model_call(struct skd_model *model, const char *method, cJSON *body,
+                               const struct skd_array_out *arrays, int array_count,
+                               struct skd_message *answer, struct skd_error *error)
+{
+    enum skd_status status = SKD_OK;
+    for (int tries = 1;; tries++) {
+        status = skd_link_call(model->link, method, cJSON_Duplicate(body, true), arrays,
+                               array_count, answer, error);
+        bool is_again = status == SKD_SHUTTING_DOWN && skd_link_is_lost(model->link);
+        while (is_again && tries < TRIES_MAX && status == SKD_SHUTTING_DOWN) {
+            status = come_back(model, error);
+            tries++;
+        }
+        if (!is_again || status != SKD_OK)
+            break;
+        skd_message_finish(answer);
+    }
+    cJSON_Delete(body);
+    return status;
+}
+
+enum skd_status skd_session_export(struct skd_model *model, const char *path,
                                    struct skd_message *answer, struct skd_error *error)
 {
-    cJSON *body = skd_session_body(session);
+    cJSON *body = skd_session_body(model->session);
     cJSON_AddStringToObject(body, "path", path);
-    return skd_link_call(link, "session.export", body, NULL, 0, answer, error);
+    return skd_model_call(model, "session.export", body, NULL, 0, answer, error);
 }
 
 void skd_fetched_finish(struct skd_fetched *fetched)
@@ -74,8 +136,8 @@ enum skd_status skd_model_fetch_mesh(struct skd_model *model, struct skd_error *
     struct skd_fetched *rest = &model->rest;
     if (rest->array.data != NULL)
         return SKD_OK;
-    enum skd_status status = skd_link_call(
-        model->link, "mesh.get", skd_session_body(model->session), NULL, 0, &rest->message, error);
+    enum skd_status status = skd_model_call(model, "mesh.get", skd_session_body(model->session),
+                                            NULL, 0, &rest->message, error);
     if (status == SKD_OK)
         status = skd_message_array(&rest->message, rest->message.result, "triangles", SKD_U32, 3,
                                    &model->triangles, &model->triangles_owned, error);
@@ -98,9 +160,8 @@ enum skd_status skd_model_fetch_weights(struct skd_model *model, const uint32_t 
     struct skd_fetched *weights = &model->weights;
     if (weights->array.data != NULL)
         return SKD_OK;
-    enum skd_status status =
-        skd_link_call(model->link, "weights.get", skd_session_body(model->session), &named,
-                      vertices != NULL, &weights->message, error);
+    enum skd_status status = skd_model_call(model, "weights.get", skd_session_body(model->session),
+                                            &named, vertices != NULL, &weights->message, error);
     if (status != SKD_OK)
         return status;
     size_t slots = (size_t)skd_json_number(weights->message.result, "influences");
@@ -172,8 +233,8 @@ enum skd_status skd_model_evaluate(struct skd_model *model, const char *pose,
     *positions = (struct skd_fetched){0};
     cJSON *body = skd_session_body(model->session);
     cJSON_AddStringToObject(body, "pose", pose);
-    enum skd_status status = skd_link_call(model->link, "pose.evaluate", body, &named,
-                                           vertices != NULL, &positions->message, error);
+    enum skd_status status = skd_model_call(model, "pose.evaluate", body, &named, vertices != NULL,
+                                            &positions->message, error);
     if (status != SKD_OK)
         return status;
     return read_array(&positions->message, "positions", SKD_F32, 3,
@@ -181,25 +242,19 @@ enum skd_status skd_model_evaluate(struct skd_model *model, const char *pose,
                       &positions->owned, error);
 }
 
-enum skd_status skd_default_output(struct skd_link *link, const char *session,
-                                   char path[SKD_PATH_BYTES_MAX], struct skd_error *error)
+enum skd_status skd_default_output(const struct skd_model *model, char path[SKD_PATH_BYTES_MAX],
+                                   struct skd_error *error)
 {
-    struct skd_model model;
-    enum skd_status status = skd_model_open(&model, link, session, error);
-    const char *source = skd_json_text(model.info.result, "source");
+    const char *source = skd_json_text(model->info.result, "source");
     const char *slash = strrchr(source, '/');
     const char *stem = slash != NULL ? slash + 1 : source;
     const char *dot = strrchr(stem, '.');
-    if (status == SKD_OK && dot == NULL) {
-        status = skd_fail(error, SKD_BAD_PARAMS,
-                          "session \"%s\" was not made from a file; say where to write with "
-                          "--output",
-                          session);
-    } else if (status == SKD_OK) {
-        char name[SKD_PATH_BYTES_MAX];
-        (void)snprintf(name, sizeof name, "%.*s-skind%s", (int)(dot - stem), stem, dot);
-        status = skd_path_absolute(name, path, error);
-    }
-    skd_model_close(&model);
-    return status;
+    char name[SKD_PATH_BYTES_MAX];
+    if (dot == NULL)
+        return skd_fail(error, SKD_BAD_PARAMS,
+                        "session \"%s\" was not made from a file; say where to write with "
+                        "--output",
+                        model->session);
+    (void)snprintf(name, sizeof name, "%.*s-skind%s", (int)(dot - stem), stem, dot);
+    return skd_path_absolute(name, path, error);
 }

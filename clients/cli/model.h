@@ -34,10 +34,21 @@ struct skd_model {
     void *joints_owned;
 };
 
-/* Asks for session.info. Close *model in any case. */
+/* Asks for session.info. Close *model in any case; the link stays the caller's to close. */
 SKD_MUST_CHECK enum skd_status skd_model_open(struct skd_model *model, struct skd_link *link,
                                               const char *session, struct skd_error *error);
 void skd_model_close(struct skd_model *model);
+
+/* As skd_link_call, and also when the daemon dies on the way: then it is started again, and asked
+ * again. So only for what changes nothing, or comes to the same when it is done twice, or has a
+ * sequence. Errors: SKD_DAMAGED when the session came back without its last changes. */
+SKD_MUST_CHECK enum skd_status skd_model_call(struct skd_model *model, const char *method,
+                                              cJSON *body, const struct skd_array_out *arrays,
+                                              int array_count, struct skd_message *answer,
+                                              struct skd_error *error);
+
+/* A number for a request that must not be done twice: no two of this terminal's have the same. */
+double skd_next_sequence(void);
 
 /* Each asks once; the weights are of the vertices named, or of all (vertices NULL).
  * Errors: the daemon's; SKD_INTERNAL when it sends arrays of other sizes. */
@@ -66,14 +77,14 @@ SKD_MUST_CHECK enum skd_status skd_model_evaluate(struct skd_model *model, const
 cJSON *skd_session_body(const char *session);
 
 /* Where a session's export goes when nobody says: "/a/knight.glb" gives "knight-skind.glb" in the
- * current folder. Errors: the daemon's; SKD_BAD_PARAMS for a session that is not from a file. */
-SKD_MUST_CHECK enum skd_status skd_default_output(struct skd_link *link, const char *session,
+ * current folder. Errors: SKD_BAD_PARAMS for a session that is not from a file. */
+SKD_MUST_CHECK enum skd_status skd_default_output(const struct skd_model *model,
                                                   char path[SKD_PATH_BYTES_MAX],
                                                   struct skd_error *error);
 
 /* session.export to an absolute path; finish *answer in any case. */
-SKD_MUST_CHECK enum skd_status skd_session_export(struct skd_link *link, const char *session,
-                                                  const char *path, struct skd_message *answer,
+SKD_MUST_CHECK enum skd_status skd_session_export(struct skd_model *model, const char *path,
+                                                  struct skd_message *answer,
                                                   struct skd_error *error);
 
 #endif

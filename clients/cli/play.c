@@ -84,13 +84,13 @@ enum skd_status skd_play_check(struct skd_model *model, const struct skd_script 
     return status;
 }
 
-enum skd_status skd_play_pose(struct skd_link *link, const char *session,
-                              const struct skd_script_pose *pose, struct skd_error *error)
+enum skd_status skd_play_pose(struct skd_model *model, const struct skd_script_pose *pose,
+                              struct skd_error *error)
 {
     struct skd_message answer;
     const struct skd_array_out matrices = {"matrices", SKD_F64, pose->matrices_count, 16,
                                            pose->matrices};
-    cJSON *body = skd_session_body(session);
+    cJSON *body = skd_session_body(model->session);
     cJSON_AddStringToObject(body, "pose", pose->name);
     if (pose->clip != NULL) {
         cJSON_AddStringToObject(body, "clip", pose->clip);
@@ -101,7 +101,7 @@ enum skd_status skd_play_pose(struct skd_link *link, const char *session,
     if (pose->seed != NULL)
         cJSON_AddNumberToObject(body, "seed", *pose->seed);
     enum skd_status status =
-        skd_link_call(link, "pose.set", body, &matrices, pose->matrices != NULL, &answer, error);
+        skd_model_call(model, "pose.set", body, &matrices, pose->matrices != NULL, &answer, error);
     skd_message_finish(&answer);
     return status;
 }
@@ -167,6 +167,7 @@ static enum skd_status apply_brush(struct skd_model *model, const struct skd_scr
 /* Counts the weights that stream in. */
 struct streaming {
     struct skd_progress progress;
+    double request; /* whose they are */
     size_t streamed;
 };
 
@@ -176,6 +177,10 @@ static void on_weights(void *user, const struct skd_message *message)
     if (strcmp(message->method, "stroke.weights") != 0)
         return;
     double total = skd_json_number(message->params, "total");
+    double request = skd_json_number(message->params, "request");
+    if (request != streaming->request)
+        streaming->streamed = 0; /* what came before a connection was lost */
+    streaming->request = request;
     streaming->streamed += (size_t)skd_json_number(message->params, "count");
     if (total > 0)
         skd_progress_set(&streaming->progress, (double)streaming->streamed / total);
@@ -220,21 +225,22 @@ static cJSON *stroke_body(const struct skd_model *model, const struct skd_script
     return body;
 }
 
-enum skd_status skd_play_call(struct skd_link *link, const char *method, cJSON *body,
+enum skd_status skd_play_call(struct skd_model *model, const char *method, cJSON *body,
                               const struct skd_array_out *arrays, int array_count,
                               struct skd_outcome *outcome, struct skd_error *error)
 {
     struct streaming streaming = {0};
     *outcome = (struct skd_outcome){0};
     skd_progress_begin(&streaming.progress, "solving");
-    link->notify = on_weights;
-    link->user = &streaming;
+    model->link->notify = on_weights;
+    model->link->user = &streaming;
+    cJSON_AddNumberToObject(body, "sequence", skd_next_sequence());
     double begun = skd_clock_s();
     enum skd_status status =
-        skd_link_call(link, method, body, arrays, array_count, &outcome->answer, error);
+        skd_model_call(model, method, body, arrays, array_count, &outcome->answer, error);
     outcome->round_trip_ms = 1e3 * (skd_clock_s() - begun);
     outcome->streamed = streaming.streamed;
-    link->notify = NULL;
+    model->link->notify = NULL;
     skd_progress_end(&streaming.progress);
     return status;
 }
@@ -256,7 +262,7 @@ enum skd_status skd_play_stroke(struct skd_model *model, const struct skd_script
              is_brushed ? brushed.positions : &stroke->positions[0][0]},
             {"mask", SKD_F32, stroke->mask_count, 0, stroke->mask},
         };
-        status = skd_play_call(model->link, "stroke.apply", stroke_body(model, stroke), arrays,
+        status = skd_play_call(model, "stroke.apply", stroke_body(model, stroke), arrays,
                                stroke->mask_count > 0 ? 3 : 2, outcome, error);
     }
     skd_brushed_finish(&brushed);
@@ -268,7 +274,7 @@ enum skd_status skd_play_pins(struct skd_model *model, const struct skd_script_s
 {
     const struct skd_array_out named = {"vertices", SKD_U32, stroke->vertices_count, 0,
                                         stroke->vertices};
-    return skd_play_call(model->link, "pins.solve", solve_body(model, stroke), &named,
+    return skd_play_call(model, "pins.solve", solve_body(model, stroke), &named,
                          stroke->vertices != NULL, outcome, error);
 }
 

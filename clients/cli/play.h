@@ -24,9 +24,8 @@ SKD_MUST_CHECK enum skd_status skd_play_check(struct skd_model *model,
                                               struct skd_error *error);
 
 /* pose.set. */
-SKD_MUST_CHECK enum skd_status skd_play_pose(struct skd_link *link, const char *session,
-                                             const struct skd_script_pose *pose,
-                                             struct skd_error *error);
+SKD_MUST_CHECK enum skd_status
+skd_play_pose(struct skd_model *model, const struct skd_script_pose *pose, struct skd_error *error);
 
 /* Applies one stroke, with a progress line on a terminal. Errors: the daemon's; SKD_BAD_PARAMS when
  * the brush touches no vertex. */
@@ -41,11 +40,12 @@ SKD_MUST_CHECK enum skd_status skd_play_pins(struct skd_model *model,
                                              const struct skd_script_stroke *stroke,
                                              struct skd_outcome *outcome, struct skd_error *error);
 
-/* A request that solves, with a progress line on a terminal while weights stream in. Takes the body
- * over. */
-SKD_MUST_CHECK enum skd_status skd_play_call(struct skd_link *link, const char *method, cJSON *body,
-                                             const struct skd_array_out *arrays, int array_count,
-                                             struct skd_outcome *outcome, struct skd_error *error);
+/* A request that solves, with a progress line on a terminal while weights stream in. It is done
+ * once, also when the daemon dies on the way (skd_model_call). Takes the body over. */
+SKD_MUST_CHECK enum skd_status skd_play_call(struct skd_model *model, const char *method,
+                                             cJSON *body, const struct skd_array_out *arrays,
+                                             int array_count, struct skd_outcome *outcome,
+                                             struct skd_error *error);
 
 /* The outcome as JSON: the answer's members, and what was seen from here. The residuals of single
  * vertices are left out where nobody wants them. */

@@ -69,8 +69,7 @@ static enum skd_status read_matrices(const char *path, struct skd_script_pose *p
     return SKD_OK;
 }
 
-static enum skd_status set_pose(struct skd_link *link, const char *session, const char *name,
-                                struct skd_error *error)
+static enum skd_status set_pose(struct skd_model *model, const char *name, struct skd_error *error)
 {
     char pose_name[SKD_PATH_BYTES_MAX];
     uint32_t seed = (uint32_t)options.seed;
@@ -84,7 +83,7 @@ static enum skd_status set_pose(struct skd_link *link, const char *session, cons
     if (options.matrices != NULL)
         status = read_matrices(options.matrices, &pose, error);
     if (status == SKD_OK)
-        status = skd_play_pose(link, session, &pose, error);
+        status = skd_play_pose(model, &pose, error);
     free(pose.matrices);
     return status;
 }
@@ -106,15 +105,12 @@ static enum skd_status write_positions(const struct skd_array *positions, struct
     return status;
 }
 
-static enum skd_status evaluate_pose(struct skd_link *link, const char *session, const char *name,
+static enum skd_status evaluate_pose(struct skd_model *model, const char *name,
                                      const uint32_t *vertices, size_t count,
                                      struct skd_error *error)
 {
-    struct skd_model model;
-    struct skd_fetched positions = {0};
-    enum skd_status status = skd_model_open(&model, link, session, error);
-    if (status == SKD_OK)
-        status = skd_model_evaluate(&model, name, vertices, count, &positions, error);
+    struct skd_fetched positions;
+    enum skd_status status = skd_model_evaluate(model, name, vertices, count, &positions, error);
     if (status == SKD_OK && options.raw != NULL)
         status = write_positions(&positions.array, error);
     else if (status == SKD_OK && skd_cli.json)
@@ -122,7 +118,6 @@ static enum skd_status evaluate_pose(struct skd_link *link, const char *session,
     else if (status == SKD_OK)
         print_positions(&positions.array);
     skd_fetched_finish(&positions);
-    skd_model_close(&model);
     return status;
 }
 
@@ -158,6 +153,7 @@ static int read_vertices(uint32_t **vertices, size_t *count, struct skd_error *e
 static int run_pose(const char *const *arguments, int argument_count, struct skd_error *error)
 {
     struct skd_link link;
+    struct skd_model model;
     char session[SKD_SESSION_NAME_BYTES_MAX + 1];
     uint32_t *vertices;
     size_t count;
@@ -170,16 +166,18 @@ static int run_pose(const char *const *arguments, int argument_count, struct skd
     result = skd_cli_open(&link, session, error);
     if (result != SKD_EXIT_OK)
         goto done;
-    enum skd_status status = SKD_OK;
-    if (options.clip != NULL || options.matrices != NULL || !isnan(options.bend))
-        status = set_pose(&link, session, arguments[0], error);
+    enum skd_status status = skd_model_open(&model, &link, session, error);
+    if (status == SKD_OK &&
+        (options.clip != NULL || options.matrices != NULL || !isnan(options.bend)))
+        status = set_pose(&model, arguments[0], error);
     if (status == SKD_OK && options.evaluate)
-        status = evaluate_pose(&link, session, arguments[0], vertices, count, error);
+        status = evaluate_pose(&model, arguments[0], vertices, count, error);
     else if (status == SKD_OK && skd_cli.json) {
         cJSON *json = cJSON_CreateObject();
         cJSON_AddStringToObject(json, "pose", arguments[0]);
         skd_print_own_json(json);
     }
+    skd_model_close(&model);
     skd_link_close(&link);
     result = skd_cli_exit(status);
 done:

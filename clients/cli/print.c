@@ -178,6 +178,34 @@ const char *skd_bytes_text(double bytes, char text[SKD_COUNT_TEXT_BYTES])
     return text;
 }
 
+const char *skd_time_text(double seconds, char text[SKD_TIME_TEXT_BYTES])
+{
+    const time_t whole = (time_t)seconds;
+    struct tm local;
+    if (localtime_r(&whole, &local) == NULL ||
+        strftime(text, SKD_TIME_TEXT_BYTES, "%Y-%m-%d %H:%M", &local) == 0)
+        text[0] = '\0';
+    return text;
+}
+
+/* Names come out of files and from other tools: what could steer a terminal is not passed on. */
+static void make_printable(char *text)
+{
+    for (char *letter = text; *letter != '\0'; letter++) {
+        if ((unsigned char)*letter < ' ' || *letter == 0x7F)
+            *letter = '?';
+    }
+}
+
+const char *skd_person_text(const cJSON *presence, char text[SKD_PERSON_TEXT_BYTES])
+{
+    const char *user = skd_json_text(presence, "user");
+    (void)snprintf(text, SKD_PERSON_TEXT_BYTES, user[0] != '\0' ? "%.*s (%s)" : "%.*s",
+                   SKD_CLIENT_NAME_BYTES_MAX, skd_json_text(presence, "client"), user);
+    make_printable(text);
+    return text;
+}
+
 void skd_print_exported(const cJSON *result)
 {
     char bytes[SKD_COUNT_TEXT_BYTES];
@@ -195,14 +223,11 @@ void skd_print_step(const cJSON *result)
            skd_json_number(result, "undo_steps"), skd_json_number(result, "redo_steps"));
 }
 
-/* Names come out of files: what could steer a terminal is not passed on. */
 static char *copy_printable(const char *text)
 {
     char *copy = strdup(text);
-    for (char *letter = copy; letter != NULL && *letter != '\0'; letter++) {
-        if ((unsigned char)*letter < ' ' || *letter == 0x7F)
-            *letter = '?';
-    }
+    if (copy != NULL)
+        make_printable(copy);
     return copy;
 }
 
@@ -263,6 +288,53 @@ void skd_table_print(struct skd_table *table, int indent)
     free(table->cells);
     table->cells = NULL;
     table->rows = 0;
+}
+
+void skd_print_sessions(const cJSON *sessions)
+{
+    static const char *const counts[] = {"revision", "vertices", "bones", "influences", "attached"};
+    struct skd_table table = {
+        .columns = 8,
+        .titles = {"session", "revision", "vertices", "bones", "influences", "here", "durability",
+                   "journal"},
+        .is_number = {[1] = true, [2] = true, [3] = true, [4] = true, [5] = true}};
+    const cJSON *item;
+    cJSON_ArrayForEach(item, sessions)
+    {
+        char texts[5][SKD_COUNT_TEXT_BYTES];
+        const char *cells[8] = {
+            skd_json_text(item, "session"), [6] = skd_json_text(item, "durability"),
+            skd_json_text(item, "journal")};
+        for (int i = 0; i < 5; i++)
+            cells[i + 1] = skd_count_text(skd_json_number(item, counts[i]), texts[i]);
+        skd_table_add(&table, cells);
+    }
+    if (table.rows > 0)
+        skd_table_print(&table, 0);
+    else
+        puts("no rig session is open");
+}
+
+void skd_print_present(const cJSON *present)
+{
+    struct skd_table table = {.columns = 4, .titles = {"here", "version", "since", "claims"}};
+    const cJSON *item;
+    cJSON_ArrayForEach(item, present)
+    {
+        const cJSON *claim = cJSON_GetObjectItemCaseSensitive(item, "claim");
+        double vertices = skd_json_number(claim, "vertices");
+        int bones = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(claim, "bones"));
+        char person[SKD_PERSON_TEXT_BYTES], since[SKD_TIME_TEXT_BYTES], claims[64] = "";
+        if (bones > 0 || vertices > 0)
+            (void)snprintf(claims, sizeof claims, "%d bones, %.0f vertices", bones, vertices);
+        skd_table_add(&table, (const char *const[]){
+                                  skd_person_text(item, person), skd_json_text(item, "version"),
+                                  skd_time_text(skd_json_number(item, "since"), since), claims});
+    }
+    if (table.rows > 0)
+        skd_table_print(&table, 0);
+    else
+        puts("nobody is here");
 }
 
 double skd_clock_s(void)

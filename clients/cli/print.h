@@ -27,6 +27,18 @@ const char *skd_count_text(double count, char text[SKD_COUNT_TEXT_BYTES]);
 /* Writes 123456789 as "118 MiB". */
 const char *skd_bytes_text(double bytes, char text[SKD_COUNT_TEXT_BYTES]);
 
+/* Writes a unix time as the machine's own: "2026-03-14 15:09". */
+enum { SKD_TIME_TEXT_BYTES = 32 };
+const char *skd_time_text(double seconds, char text[SKD_TIME_TEXT_BYTES]);
+/* Writes who a member of `present`, or a claim's notification, is: "blender (anna)". */
+enum { SKD_PERSON_TEXT_BYTES = 2 * SKD_CLIENT_NAME_BYTES_MAX + SKD_USER_BYTES_MAX };
+const char *skd_person_text(const cJSON *presence, char text[SKD_PERSON_TEXT_BYTES]);
+
+/* Prints open sessions, as session.list tells them. */
+void skd_print_sessions(const cJSON *sessions);
+/* Prints who is attached to a session: a line each, or that nobody is. */
+void skd_print_present(const cJSON *present);
+
 /* Prints what a step of the history, forwards or backwards, was answered with. */
 void skd_print_step(const cJSON *result);
 

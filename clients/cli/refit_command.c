@@ -185,7 +185,7 @@ static enum skd_status set_poses(struct refit *refit, struct skd_error *error)
             break;
         }
         const struct skd_script_pose pose = {.name = name, .clip = options.clip, .time = &time};
-        status = skd_play_pose(refit->model.link, refit->model.session, &pose, error);
+        status = skd_play_pose(&refit->model, &pose, error);
         skd_progress_set(&progress, (double)i / (double)refit->cache.count);
     }
     skd_progress_end(&progress);
@@ -225,15 +225,15 @@ static enum skd_status play_refit(struct refit *refit, const char *output, cJSON
                 options.clip);
     const struct skd_array_out positions = {
         "positions", SKD_F32, refit->cache.count * refit->cache.points, 3, refit->cache.positions};
-    status = skd_play_call(model->link, "session.refit", refit_body(refit), &positions, 1, &outcome,
-                           error);
+    status =
+        skd_play_call(model, "session.refit", refit_body(refit), &positions, 1, &outcome, error);
     (void)snprintf(title, sizeof title, "%zu poses", refit->cache.count);
     if (status == SKD_OK && json != NULL)
         cJSON_AddItemToObject(json, "refit", skd_outcome_json(&outcome, options.clip, false));
     else if (status == SKD_OK)
         skd_outcome_print(&outcome, title);
     if (status == SKD_OK && output != NULL) {
-        status = skd_session_export(model->link, model->session, output, &exported, error);
+        status = skd_session_export(model, output, &exported, error);
         if (status == SKD_OK && json != NULL)
             cJSON_AddItemToObject(json, "export", cJSON_Duplicate(exported.result, true));
         else if (status == SKD_OK)
@@ -272,7 +272,7 @@ static void close_own(struct skd_link *link, const char *session)
 {
     struct skd_message answer;
     struct skd_error ignored;
-    if (skd_link_call(link, "session.close", skd_session_body(session), NULL, 0, &answer,
+    if (skd_link_call(link, "session.delete", skd_session_body(session), NULL, 0, &answer,
                       &ignored) != SKD_OK)
         skd_cli_say("session %s stays open: %s", session, ignored.text);
     skd_message_finish(&answer);
@@ -284,12 +284,10 @@ static int refit_session(struct skd_link *link, const char *session, bool is_own
     char output[SKD_PATH_BYTES_MAX];
     bool has_output = options.output != NULL || is_own;
     cJSON *json = skd_cli.json ? cJSON_CreateObject() : NULL;
-    enum skd_status status = SKD_OK;
-    if (has_output)
+    enum skd_status status = skd_model_open(&refit->model, link, session, error);
+    if (status == SKD_OK && has_output)
         status = options.output != NULL ? skd_path_absolute(options.output, output, error)
-                                        : skd_default_output(link, session, output, error);
-    if (status == SKD_OK)
-        status = skd_model_open(&refit->model, link, session, error);
+                                        : skd_default_output(&refit->model, output, error);
     if (status == SKD_OK)
         status = play_refit(refit, has_output ? output : NULL, json, error);
     if (status == SKD_OK && json != NULL)

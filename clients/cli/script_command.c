@@ -140,7 +140,7 @@ static enum skd_status set_probe(const struct study *study, const struct moment 
                                  struct skd_error *error)
 {
     struct skd_script_pose pose = pose_of(moment, probe_name);
-    enum skd_status status = skd_play_pose(study->model->link, study->model->session, &pose, error);
+    enum skd_status status = skd_play_pose(study->model, &pose, error);
     free(pose.name);
     free(pose.clip);
     free(pose.time);

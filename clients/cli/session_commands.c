@@ -18,6 +18,9 @@ static struct {
     char *fill;
     char *reduce;
     char *output;
+    char *durability;
+    char *history;
+    int own;
     int discard;
 } options;
 
@@ -32,6 +35,12 @@ static const struct poptOption load_options[] = {
      "more influences than slots: refuse (default), keep the largest, or those that move it least "
      "when posed: posed",
      "RULE"},
+    {"durability", 'd', POPT_ARG_STRING, &options.durability, 0,
+     "what an answer means: it is on the disk: full (default); it will be in a second: second; "
+     "nothing is kept: off",
+     "HOW"},
+    {"history", 0, POPT_ARG_STRING, &options.history, 0, "how much undo may keep (default: 512M)",
+     "SIZE"},
     POPT_TABLEEND,
 };
 
@@ -68,6 +77,7 @@ static int run_load(const char *const *arguments, int count, struct skd_error *e
 {
     char path[SKD_PATH_BYTES_MAX];
     int word;
+    double history = 0;
     struct skd_link link;
     struct skd_message answer;
     (void)count;
@@ -76,7 +86,12 @@ static int run_load(const char *const *arguments, int count, struct skd_error *e
     if ((options.fill != NULL &&
          skd_value_word("--fill", options.fill, skd_fill_words, &word, error) != SKD_OK) ||
         (options.reduce != NULL &&
-         skd_value_word("--reduce", options.reduce, skd_reduce_words, &word, error) != SKD_OK))
+         skd_value_word("--reduce", options.reduce, skd_reduce_words, &word, error) != SKD_OK) ||
+        (options.durability != NULL &&
+         skd_value_word("--durability", options.durability, skd_durability_words, &word, error) !=
+             SKD_OK) ||
+        (options.history != NULL &&
+         skd_value_size("--history", options.history, &history, error) != SKD_OK))
         return SKD_EXIT_USAGE;
     if (skd_path_absolute(arguments[0], path, error) != SKD_OK ||
         skd_cli_connect(&link, error) != SKD_OK)
@@ -91,6 +106,10 @@ static int run_load(const char *const *arguments, int count, struct skd_error *e
         cJSON_AddStringToObject(body, "fill", options.fill);
     if (options.reduce != NULL)
         cJSON_AddStringToObject(body, "reduce", options.reduce);
+    if (options.durability != NULL)
+        cJSON_AddStringToObject(body, "durability", options.durability);
+    if (options.history != NULL)
+        cJSON_AddNumberToObject(body, "history_bytes", (double)(int64_t)history);
     enum skd_status status = skd_link_call(&link, "session.create", body, NULL, 0, &answer, error);
     return skd_cli_conclude(&link, &answer, status, print_loaded);
 }
@@ -157,6 +176,21 @@ static void print_bones(const cJSON *bones)
     }
 }
 
+/* What there is to undo, and what of the session is on the disk. */
+static void print_keeping(const cJSON *info)
+{
+    char used[SKD_COUNT_TEXT_BYTES], most[SKD_COUNT_TEXT_BYTES], file[SKD_COUNT_TEXT_BYTES];
+    printf("undo %.0f, redo %.0f steps: %s of %s\n", skd_json_number(info, "undo_steps"),
+           skd_json_number(info, "redo_steps"),
+           skd_bytes_text(skd_json_number(info, "history_used"), used),
+           skd_bytes_text(skd_json_number(info, "history_bytes"), most));
+    printf("durability %s, journal %s, %s on the disk\n", skd_json_text(info, "durability"),
+           skd_json_text(info, "journal"),
+           skd_bytes_text(skd_json_number(info, "journal_bytes"), file));
+    if (skd_json_text(info, "damage")[0] != '\0')
+        printf("damage: %s\n", skd_json_text(info, "damage"));
+}
+
 static void print_info(const cJSON *info)
 {
     char vertices[SKD_COUNT_TEXT_BYTES], triangles[SKD_COUNT_TEXT_BYTES];
@@ -171,8 +205,8 @@ static void print_info(const cJSON *info)
            skd_count_text(skd_json_number(info, "triangles"), triangles),
            skd_json_number(info, "length"), skd_json_number(info, "influences"),
            skd_bytes_text(skd_json_number(info, "bytes"), bytes));
-    printf("undo %.0f, redo %.0f steps; %.0f attached\n", skd_json_number(info, "undo_steps"),
-           skd_json_number(info, "redo_steps"), skd_json_number(info, "attached"));
+    print_keeping(info);
+    skd_print_present(cJSON_GetObjectItemCaseSensitive(info, "present"));
     cJSON_ArrayForEach(note, cJSON_GetObjectItemCaseSensitive(info, "notes"))
         printf("note: %s\n", skd_json_text(note, "text"));
     print_names("parts", cJSON_GetObjectItemCaseSensitive(info, "parts"), "name");
@@ -210,11 +244,18 @@ const struct skd_command skd_command_info = {
     .group = SKD_GROUP_SESSION,
     .name = "info",
     .arguments = "",
-    .summary = "tell all about a rig session: clips, poses, bones, history",
+    .summary = "tell all about a rig session: clips, poses, bones, history, who is here",
     .options = session_options,
     .examples = "  skinctl info\n"
                 "  skinctl info --session knight --json\n",
     .run = run_info,
+};
+
+static const struct poptOption history_options[] = {
+    SKD_OPTION_SESSION,
+    {"own", 0, POPT_ARG_NONE, &options.own, 0,
+     "the last one of this terminal's own, if nobody else changed the same vertices since", NULL},
+    POPT_TABLEEND,
 };
 
 static int turn_history(const char *method, struct skd_error *error)
@@ -225,8 +266,10 @@ static int turn_history(const char *method, struct skd_error *error)
     int result = skd_cli_open(&link, session, error);
     if (result != SKD_EXIT_OK)
         return result;
-    enum skd_status status =
-        skd_link_call(&link, method, skd_session_body(session), NULL, 0, &answer, error);
+    cJSON *body = skd_session_body(session);
+    if (options.own)
+        cJSON_AddTrueToObject(body, "own");
+    enum skd_status status = skd_link_call(&link, method, body, NULL, 0, &answer, error);
     return skd_cli_conclude(&link, &answer, status, skd_print_step);
 }
 
@@ -249,9 +292,13 @@ const struct skd_command skd_command_undo = {
     .name = "undo",
     .arguments = "",
     .summary = "take the last change back",
-    .options = session_options,
+    .options = history_options,
+    .details =
+        "Changes that skinctl made from one terminal are its own; SKIND_CLIENT=NAME gives a\n"
+        "script a name for its own changes.\n",
     .examples = "  skinctl undo\n"
-                "  skinctl undo --session knight\n",
+                "  skinctl undo --session knight\n"
+                "  skinctl undo --own\n",
     .run = run_undo,
 };
 
@@ -260,7 +307,7 @@ const struct skd_command skd_command_redo = {
     .name = "redo",
     .arguments = "",
     .summary = "apply the change that was taken back last",
-    .options = session_options,
+    .options = history_options,
     .examples = "  skinctl redo\n"
                 "  skinctl redo --session knight\n",
     .run = run_redo,
@@ -283,11 +330,14 @@ static int run_export(const char *const *arguments, int count, struct skd_error 
     int result = skd_cli_open(&link, session, error);
     if (result != SKD_EXIT_OK)
         return result;
-    enum skd_status status = options.output != NULL
-                                 ? skd_path_absolute(options.output, path, error)
-                                 : skd_default_output(&link, session, path, error);
+    struct skd_model model;
+    enum skd_status status = skd_model_open(&model, &link, session, error);
     if (status == SKD_OK)
-        status = skd_session_export(&link, session, path, &answer, error);
+        status = options.output != NULL ? skd_path_absolute(options.output, path, error)
+                                        : skd_default_output(&model, path, error);
+    if (status == SKD_OK)
+        status = skd_session_export(&model, path, &answer, error);
+    skd_model_close(&model);
     return skd_cli_conclude(&link, &answer, status, skd_print_exported);
 }
 
@@ -304,27 +354,30 @@ const struct skd_command skd_command_export = {
 
 static const struct poptOption close_options[] = {
     SKD_OPTION_SESSION,
-    {"discard", 'd', POPT_ARG_NONE, &options.discard, 0,
-     "close it although its last changes were not exported", NULL},
+    {"discard", 'd', POPT_ARG_NONE, &options.discard, 0, "for good: it cannot be opened again",
+     NULL},
     POPT_TABLEEND,
 };
 
-/* Nobody's work is thrown away by a slip: what was not exported takes --discard. */
+/* Nobody's work is thrown away by a slip: a session that is closed can be opened again, and one
+ * that is not kept takes --discard while it holds changes that were not exported. */
 static enum skd_status close_session(struct skd_link *link, const char *session,
                                      struct skd_error *error)
 {
     struct skd_message info = {0}, answer = {0};
     enum skd_status status =
         skd_link_call(link, "session.info", skd_session_body(session), NULL, 0, &info, error);
-    if (status == SKD_OK && !options.discard &&
+    bool is_kept = strcmp(skd_json_text(info.result, "journal"), "ok") == 0;
+    if (status == SKD_OK && !options.discard && !is_kept &&
         skd_json_number(info.result, "revision") != skd_json_number(info.result, "exported"))
-        status = skd_fail(error, SKD_BUSY,
-                          "the last changes of session %s were not exported; use skinctl export, "
-                          "or close it with --discard",
-                          session);
+        status =
+            skd_fail(error, SKD_BUSY,
+                     "session %s is not kept (journal %s) and its last changes were not "
+                     "exported; use skinctl export or session save, or close it with --discard",
+                     session, skd_json_text(info.result, "journal"));
     if (status == SKD_OK)
-        status = skd_link_call(link, "session.close", skd_session_body(session), NULL, 0, &answer,
-                               error);
+        status = skd_link_call(link, options.discard ? "session.delete" : "session.close",
+                               skd_session_body(session), NULL, 0, &answer, error);
     skd_message_finish(&info);
     skd_message_finish(&answer);
     return status;
@@ -343,7 +396,7 @@ static int run_close(const char *const *arguments, int count, struct skd_error *
     if (status == SKD_OK && skd_cli.json)
         puts("{}");
     else if (status == SKD_OK)
-        printf("closed session %s\n", session);
+        printf("closed session %s%s\n", session, options.discard ? " for good" : "");
     skd_link_close(&link);
     return skd_cli_exit(status);
 }
@@ -352,7 +405,7 @@ const struct skd_command skd_command_close = {
     .group = SKD_GROUP_SESSION,
     .name = "close",
     .arguments = "",
-    .summary = "close a rig session, once its changes are exported",
+    .summary = "close a rig session; session open takes it up again",
     .options = close_options,
     .examples = "  skinctl close\n"
                 "  skinctl close --session knight-2 --discard\n",

@@ -1,6 +1,8 @@
 /* See solving.h. */
 #include "clients/cli/solving.h"
 
+#include "clients/cli/values.h"
+
 #include <math.h>
 
 static struct {
@@ -44,14 +46,6 @@ const struct poptOption skd_sculpt_options[] = {
      "how far to go from the surface to the targets, 0 to 1 (default: 1)", "SHARE"},
     POPT_TABLEEND,
 };
-
-unsigned skd_count_texts(char *const *texts)
-{
-    unsigned count = 0;
-    while (texts != NULL && texts[count] != NULL)
-        count++;
-    return count;
-}
 
 static bool put_text(char **member, char *text)
 {

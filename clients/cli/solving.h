@@ -24,7 +24,4 @@ extern const struct poptOption skd_sculpt_options[];  /* of stroke and replay */
  * it says nothing. */
 bool skd_solving_apply(struct skd_script_stroke *stroke);
 
-/* The number of texts in popt's list; NULL: 0. */
-unsigned skd_count_texts(char *const *texts);
-
 #endif

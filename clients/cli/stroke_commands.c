@@ -219,7 +219,7 @@ static enum skd_status export_played(struct skd_model *model, const char *path, 
                                      struct skd_error *error)
 {
     struct skd_message answer;
-    enum skd_status status = skd_session_export(model->link, model->session, path, &answer, error);
+    enum skd_status status = skd_session_export(model, path, &answer, error);
     if (status == SKD_OK && report != NULL)
         cJSON_AddItemToObject(report, "export", cJSON_Duplicate(answer.result, true));
     else if (status == SKD_OK)
@@ -234,7 +234,7 @@ static enum skd_status play_script(struct skd_model *model, const struct skd_scr
 {
     enum skd_status status = skd_play_check(model, script, path, error);
     for (unsigned i = 0; status == SKD_OK && i < script->poses_count; i++)
-        status = skd_play_pose(model->link, model->session, &script->poses[i], error);
+        status = skd_play_pose(model, &script->poses[i], error);
     if (status == SKD_OK) {
         cJSON *strokes = NULL;
         if (report != NULL) {

@@ -316,3 +316,37 @@ enum skd_status skd_path_absolute(const char *path, char absolute[SKD_PATH_BYTES
                         SKD_PATH_BYTES_MAX - 1);
     return SKD_OK;
 }
+
+enum skd_status skd_value_size(const char *what, const char *text, double *bytes,
+                               struct skd_error *error)
+{
+    char *end;
+    double number = strtod(text, &end);
+    double unit = *end == 'K'   ? 1024.0
+                  : *end == 'M' ? 1024.0 * 1024
+                  : *end == 'G' ? 1024.0 * 1024 * 1024
+                                : 1;
+    end += unit > 1;
+    *bytes = number * unit;
+    if (end != text && *end == '\0' && *bytes >= (double)SKD_HISTORY_BYTES_LEAST &&
+        *bytes <= (double)SKD_HISTORY_BYTES_LIMIT)
+        return SKD_OK;
+    return skd_fail(error, SKD_BAD_PARAMS, "%s takes a size from 1M to 16G, not \"%s\"", what,
+                    text);
+}
+
+unsigned skd_count_texts(char *const *texts)
+{
+    unsigned count = 0;
+    while (texts != NULL && texts[count] != NULL)
+        count++;
+    return count;
+}
+
+void skd_add_texts(cJSON *body, const char *member, char *const *texts)
+{
+    if (texts != NULL)
+        cJSON_AddItemToObject(
+            body, member,
+            cJSON_CreateStringArray((const char *const *)texts, (int)skd_count_texts(texts)));
+}

@@ -26,6 +26,15 @@ SKD_MUST_CHECK enum skd_status skd_value_word(const char *what, const char *text
                                               const char *const *words, int *index,
                                               struct skd_error *error);
 
+/* Reads a size of history, "200M" or "2G", within the protocol's limits. */
+SKD_MUST_CHECK enum skd_status skd_value_size(const char *what, const char *text, double *bytes,
+                                              struct skd_error *error);
+
+/* Texts as popt gathers them (POPT_ARG_ARGV): how many, and as a member of a request; NULL: none.
+ */
+unsigned skd_count_texts(char *const *texts);
+void skd_add_texts(cJSON *body, const char *member, char *const *texts);
+
 /* A growing list of vertices and where they should go. */
 struct skd_targets {
     size_t count;

@@ -192,10 +192,7 @@ static cJSON *edit_body(enum action action, const char *session)
     add_text(body, "by", options.by);
     if (action == REDUCE)
         cJSON_AddNumberToObject(body, "influences", options.influences);
-    if (options.poses != NULL)
-        cJSON_AddItemToObject(body, "poses",
-                              cJSON_CreateStringArray((const char *const *)options.poses,
-                                                      (int)skd_count_texts(options.poses)));
+    skd_add_texts(body, "poses", options.poses);
     return body;
 }
 

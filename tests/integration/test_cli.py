@@ -24,7 +24,7 @@ ASSETS = ROOT.parent / "shared" / "assets"
 BIN = Path(os.environ.get("SKIND_BUILD", ROOT / "build" / "release")) / "bin"
 QUICK = bool(os.environ.get("SKIND_QUICK"))
 COMMANDS = ("start stop status load list info pose stroke weights watch undo redo export replay "
-            "generate call script pins guard shapes refit").split()
+            "generate call script pins guard shapes refit session close").split()
 VERTICES = 4000
 
 
@@ -56,6 +56,10 @@ class Cli:
         done = self.run("--json", *arguments, **options)
         assert done.stdout.endswith("\n") and done.stdout.count("\n") == 1, done.stdout
         return json.loads(done.stdout)
+
+    def status(self) -> dict:
+        """What status tells, which is also that nobody runs."""
+        return json.loads(self.popen("--json", "status").communicate(timeout=60)[0])
 
     def positions(self, pose: str) -> np.ndarray:
         """All posed positions, through --raw."""
@@ -131,7 +135,7 @@ def test_daemon_is_detached(cli: Cli) -> None:
 
 
 def test_autostarted_daemon_ends_when_idle(cli: Cli) -> None:
-    assert cli.json("list") == {"sessions": []}
+    assert cli.json("list")["sessions"] == []
     pid = cli.json("status")["pid"]
     command = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
     assert command[command.index(b"--idle-exit") + 1] == b"1800"
@@ -181,6 +185,17 @@ def test_daemon_that_cannot_start_is_explained(cli: Cli) -> None:
     cli.socket.parent.chmod(0o700)
     assert "absolute" in cli.run("--socket", "here", "list", status=1).stderr
     assert "bytes" in cli.run("--socket", "/" + "x" * 200, "list", status=1).stderr
+
+
+def test_start_has_patience_and_says_so(cli: Cli) -> None:
+    """A daemon that has much to read first, and two that want it."""
+    slow = cli.folder / "slow"
+    slow.write_text(f'#!/bin/sh\nsleep 2.5\nexec "{BIN}/skind" "$@"\n')
+    slow.chmod(0o755)
+    cli.env["SKIND_BIN"] = str(slow)
+    for process in [cli.popen("list") for _ in range(2)]:
+        _, talk = process.communicate(timeout=60)
+        assert process.returncode == 0 and "waiting for skind to start" in talk, talk
 
 
 def test_socket_option_wins(cli: Cli) -> None:
@@ -656,17 +671,23 @@ def test_script_for_real_characters(cli: Cli, name: str, poses: int) -> None:
 # ---- watching, calling, pipes ----
 
 
+def told(lines: str, event: str) -> list[dict]:
+    """What a watch printed of one kind of event."""
+    return [told for told in map(json.loads, lines.splitlines()) if told["event"] == event]
+
+
 def test_watch(body: Cli) -> None:
     (body.folder / "s.yaml").write_text(SCRIPT)
-    watching = body.popen("watch", "--count", 5)
-    briefly = body.popen("watch", "--no-arrays")
-    for process in (watching, briefly):
+    watching = body.popen("--json", "watch", "--count", 5)
+    briefly = body.popen("watch", "--json", "--no-arrays")
+    reading = body.popen("watch")
+    for process in (watching, briefly, reading):
         assert "revision 0" in process.stderr.readline()
     joints_before, _ = body.weights()
     body.run("replay", "s.yaml")
     body.run("undo")
     body.run("redo")
-    updates = [json.loads(line) for line in watching.communicate(timeout=60)[0].splitlines()]
+    updates = told(watching.communicate(timeout=60)[0], "session.update")
     assert watching.returncode == 0
     assert [update["revision"] for update in updates] == [1, 2, 3, 4, 5]
     assert [update["cause"] for update in updates] == ["stroke"] * 3 + ["undo", "redo"]
@@ -680,11 +701,17 @@ def test_watch(body: Cli) -> None:
         last.update(zip(update["vertices"], update["weights"]))
     assert all(np.array_equal(np.array(row, np.float32), weights[vertex]) for vertex, row in last.items())
     body.run("call", "session.close", '{"session": "body"}')
-    out, talk = briefly.communicate(timeout=60)
-    assert briefly.returncode == 0 and "closed" in talk
-    assert [json.loads(line)["vertices"] for line in out.splitlines()] == [
-        len(update["vertices"]) for update in updates]
-    assert "weights" not in out
+    out, _ = briefly.communicate(timeout=60)
+    assert briefly.returncode == 0 and len(told(out, "session.closed")) == 1
+    counts = [len(update["vertices"]) for update in updates]
+    for name in ("vertices", "weights"):
+        assert [update[name] for update in told(out, "session.update")] == counts
+    lines = reading.communicate(timeout=60)[0].splitlines()
+    assert reading.returncode == 0 and lines[-1].startswith("closed: ")
+    assert [line for line in lines if line.startswith("revision")] == [
+        f"revision {number}: {update['cause']} by skinctl; {count:,} vertices"
+        for number, (update, count) in enumerate(zip(updates, counts), 1)]
+    assert any(line.startswith("here: skinctl") for line in lines)
 
 
 def test_watch_ends_on_interrupt_and_with_the_daemon(body: Cli) -> None:
@@ -692,7 +719,9 @@ def test_watch_ends_on_interrupt_and_with_the_daemon(body: Cli) -> None:
     for process in (first, second):
         process.stderr.readline()
     first.send_signal(signal.SIGINT)
-    assert first.communicate(timeout=60) == ("", "") and first.returncode == 0
+    out, talk = first.communicate(timeout=60)
+    assert all(line.startswith("here: ") for line in out.splitlines())
+    assert talk == "" and first.returncode == 0
     body.run("stop")
     assert "ended" in second.communicate(timeout=60)[1] and second.returncode == 1
 
@@ -765,10 +794,11 @@ def test_tools_at_the_same_time(body: Cli) -> None:
 
 def test_close_throws_no_work_away(body: Cli) -> None:
     body.run("stroke", "bent", "--bone", "thigh.L", "--radius", 0.2, "--move", "0,0.02,0")
-    assert "--discard" in body.run("close", status=1).stderr
-    assert body.json("list")["sessions"][0]["session"] == "body"
+    assert body.json("close") == {}
+    assert body.json("list")["sessions"] == []
+    assert body.json("session", "open", "body")["undo_steps"] == 1
     assert body.json("close", "--discard") == {}
-    assert body.json("list") == {"sessions": []}
+    assert body.json("list")["closed"] == []
 
 
 def test_help_is_a_command_too(cli: Cli) -> None:
