@@ -596,8 +596,10 @@ def test_a_version_mismatch_ends_the_tries(make, peer, clock):
     channel.open()
     channel.pump()
     hello = peer.accept()
-    assert hello["params"] == {"protocol": {"min": 1, "max": 1},
-                               "client": {"name": "tests", "version": ""}}
+    client = hello["params"]["client"]
+    assert hello["params"]["protocol"] == {"min": 1, "max": 1}
+    assert (client["name"], client["version"]) == ("tests", "")
+    assert len(client["id"]) == 16 and client["user"]
     peer.say({"id": hello["id"], "error": {
         "code": -32001, "message": "this skind speaks protocol 2 to 3 and the client 1 to 1; "
         "update the client", "data": {"name": "version", "retryable": False, "hint": ""}}})

@@ -7,6 +7,7 @@ import base64
 import json
 import os
 import re
+import resource
 import time
 from pathlib import Path
 
@@ -80,14 +81,6 @@ def rig_arrays() -> dict:
     }
 
 
-def gather(link: Link, count: int) -> list:
-    """Waits for so many notifications."""
-    deadline = time.monotonic() + 20
-    while len(link.notifications) < count and time.monotonic() < deadline:
-        link.pump(0.01)
-    return list(link.notifications)
-
-
 def f32(values) -> np.ndarray:
     return np.asarray(values, np.float32)
 
@@ -144,6 +137,53 @@ def sculpt_two_poses(artist: Link) -> list[str]:
             "refit"]
 
 
+def wait_for(link: Link, method: str) -> None:
+    deadline = time.monotonic() + 20
+    while not any(message.method == method for message in link.notifications):
+        assert time.monotonic() < deadline, method
+        link.pump(0.05)
+
+
+def keep_and_share(artist: Link, watcher: Link, folder: Path) -> None:
+    """Files of sessions, claims, a repeated request, a disk that is full for a while."""
+    def call(method, arrays=None, session="k", **params):
+        return artist.call(method, {"session": session, **params}, arrays or {})
+
+    artist.call("session.create", {"name": "k", "fill": "none", "durability": "second",
+                                   "history_bytes": 1 << 20}, rig_arrays())
+    for link in (artist, watcher):
+        link.call("session.attach", {"session": "k"})
+    claimed = call("session.claim", {"vertices": np.array([1, 2], np.uint32)}, bones=["upper"])
+    assert claimed == {"session": "k", "vertices": 2}
+    wait_for(watcher, "session.claims")
+    assert call("session.set", durability="full")["durability"] == "full"
+    rows = {"vertices": np.array([1], np.uint32), "weights": f32([[1, 0, 0, 0]])}
+    first = call("weights.set", rows, sequence=1)
+    assert call("weights.set", rows, sequence=1) == {**first, "repeated": True}
+    assert call("history.undo", own=True, sequence=2)["undo_steps"] == 0
+    pid = artist.hello["server"]["pid"]
+    limits = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (4096, limits[1]))
+    call("weights.set", rows)
+    wait_for(watcher, "journal.suspended")
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)
+    wait_for(watcher, "journal.resumed")
+    assert call("session.verify")["ok"]
+    path = str(folder / "k.skind")
+    assert call("session.save", path=path)["revision"] == 3
+    assert artist.call("session.verify", {"path": path})["ok"]
+    assert artist.call("session.open", {"path": path, "name": "opened"})["revision"] == 3
+    assert call("session.fork", name="fork")["undo_steps"] == 1
+    call("session.delete", session="fork")
+    call("session.close", session="opened")
+    assert artist.call("session.open", {"closed": "opened"})["session"] == "opened"
+    for name in ("opened", "k"):
+        call("session.delete", session=name)
+    watcher.call("ping")
+    watcher.notifications.clear()
+    artist.notifications.clear()
+
+
 def use_everything(path: Path, folder: Path, lines: bool) -> None:
     """One session through its whole life; each method at least once."""
     def connect(name):
@@ -153,6 +193,7 @@ def use_everything(path: Path, folder: Path, lines: bool) -> None:
         created = artist.call("session.create", {"file": str(folder / "ribbon.gltf"), "name": "r"})
         assert created["vertices"] == 2 * ROWS
         assert [s["session"] for s in artist.call("session.list")["sessions"]] == ["r"]
+        keep_and_share(artist, watcher, folder)
         assert watcher.call("session.attach", {"session": "r", "revision": 0})["resync"] is False
         mesh = artist.call("mesh.get", {"session": "r"})
         assert np.array_equal(np.asarray(mesh["positions"], np.float32), rest_positions())
@@ -193,8 +234,10 @@ def use_everything(path: Path, folder: Path, lines: bool) -> None:
         with pytest.raises(SkindError) as refused:
             artist.call("weights.get", {"session": "nobody"})
         assert refused.value.name == "no_session"
-        artist.call("session.close", {"session": "r"})
-        told = gather(watcher, len(causes) + 1)
+        artist.call("session.delete", {"session": "r"})
+        wait_for(watcher, "session.closed")
+        told = [message for message in watcher.notifications
+                if message.method != "session.presence"]
         assert [message.method for message in told] == (
             len(causes) * ["session.update"] + ["session.closed"])
         updates = [message.params for message in told[:-1]]
@@ -205,7 +248,7 @@ def use_everything(path: Path, folder: Path, lines: bool) -> None:
 def test_the_capabilities_are_the_documented_ones(daemon):
     text = (schemas.ROOT / "protocol" / "PROTOCOL.md").read_text("utf-8").split("| capability |")[1]
     documented = [name for line in text.splitlines()[2:] if line.startswith("| `")
-                  for name in re.findall(r"`([a-z0-9.]+)`", line.split("|")[1])]
+                  for name in re.findall(r"`([a-z0-9._]+)`", line.split("|")[1])]
     with daemon.link() as link:
         assert sorted(link.hello["capabilities"]) == sorted(documented)
 

@@ -31,8 +31,9 @@ class Model:
         return self.link.call("weights.get", {"session": "m"})["weights"].copy()
 
 
-MOMENTS = ["before sending", "unanswered", "solved", "answered", "undoing", "setting", "redoing",
-           "creating again", "telling", "told"]
+MOMENTS = ["before sending", "unanswered", "solved", "answered", "undoing", "setting", "redoing"]
+RESUMING = ["attaching"]  # dies again: when it is asked for the session, which it has
+REMAKING = ["creating again", "telling", "told"]  # dies again: while the session is made again
 
 
 def kill_at(moment: str, tool: Tool, mortal: Mortal, random: np.random.Generator) -> list[Stroke]:
@@ -70,22 +71,23 @@ def kill_at(moment: str, tool: Tool, mortal: Mortal, random: np.random.Generator
 
 def die_while_resuming(moment: str, tool: Tool, mortal: Mortal) -> None:
     """Dead twice: the second time in the middle of the resuming."""
-    method = {"creating again": "session.create", "telling": "weights.set",
-              "told": "weights.get"}[moment]
+    method = {"attaching": "session.attach", "creating again": "session.create",
+              "telling": "weights.set", "told": "weights.get"}[moment]
     asked = tool.methods.count(method)
     mortal.die()
     tool.until(lambda: tool.methods.count(method) > asked)
     mortal.die()
 
 
+@pytest.mark.parametrize("forgets", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_daemon_dies(start, folder, make_tool, params, seed):
-    """Ten deaths each: what was answered is kept to the bit, what waited is solved."""
+def test_the_daemon_dies(start, folder, make_tool, params, seed, forgets):
+    """Many deaths each: what was answered is kept to the bit, what waited is solved."""
     random = np.random.default_rng(seed)
     model = Model(start(socket=folder / "model.sock"), params)
-    mortal = Mortal(start)
+    mortal = Mortal(start, forgets)
     tool = make_tool().create()
-    for moment in random.permutation(MOMENTS):
+    for moment in random.permutation(MOMENTS + (REMAKING if forgets else RESUMING)):
         for _ in range(2):  # something to undo, to keep and to redo
             tool.stroke(int(random.integers(V)))
             tool.settle()

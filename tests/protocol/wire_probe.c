@@ -136,10 +136,10 @@ static void tell(struct answer *answer, const struct skd_request *request)
         add_array(answer, "matrices", &request->params.pose_set.matrices);
         break;
     case SKD_REQUEST_POSE_EVALUATE:
-        add_array(answer, "vertices", &request->params.pose_evaluate.vertices);
+        add_array(answer, "vertices", &request->params.shown.vertices);
         break;
     case SKD_REQUEST_WEIGHTS_GET:
-        add_array(answer, "vertices", &request->params.weights_get.vertices);
+        add_array(answer, "vertices", &request->params.shown.vertices);
         break;
     case SKD_REQUEST_STROKE_APPLY:
         tell_stroke(answer, &request->params.stroke);

@@ -11,7 +11,9 @@ happens in pump(), callbacks too. One thread at a time. Link is the blocking one
 
 from __future__ import annotations
 
+import getpass
 import os
+import secrets
 import time
 from typing import Callable
 
@@ -56,7 +58,8 @@ class Channel:
         self.on_lost: Callable[[str], None] | None = None
         self.on_notification: Callable[[Message], None] | None = None
         self.on_error: Callable[[Exception], None] | None = None
-        self._client = {"name": name, "version": version}
+        self._client = {"name": name, "version": version, "id": secrets.token_hex(8),
+                        "user": getpass.getuser()[:64]}
         self._clock = clock
         self._stream: Stream | None = None  # while greeting or ready
         self._pending: dict[int, Done | None] = {}  # without the hello

@@ -49,15 +49,18 @@ class Link:
 
     @classmethod
     def connect(cls, path: str | os.PathLike | None = None, *, name: str = "python",
-                version: str = "", lines: bool = False, timeout: float = 60.0,
+                version: str = "", id: str = "", lines: bool = False, timeout: float = 60.0,
                 watch: Callable[[str, dict], None] | None = None) -> "Link":
-        """Connects and says hello; the answer is in `.hello`."""
+        """Connects and says hello; the answer is in `.hello`.
+
+        `id` is what the program goes by over reconnects, for `sequence` and `own`.
+        """
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             connection.connect(os.fspath(path or default_socket_path()))
             link = cls(connection, Exchange(lines=lines, watch=watch), timeout)
-            link.hello = link.call("hello", {"protocol": PROTOCOL,
-                                             "client": {"name": name, "version": version}})
+            client = {"name": name, "version": version, **({"id": id} if id else {})}
+            link.hello = link.call("hello", {"protocol": PROTOCOL, "client": client})
         except BaseException:
             connection.close()
             raise

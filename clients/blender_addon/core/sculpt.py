@@ -63,6 +63,7 @@ class Stroke:
     chunks: list[Change] = field(default_factory=list)
     solved: int = 0
     in_doubt: bool = False  # the connection was lost before the answer: it was solved or not
+    sequence: int = 0  # by which the daemon knows it when it is sent again; 0: it has none
     result: dict | None = None
     error: SkindError | None = None
     dropped: bool = False
@@ -150,6 +151,9 @@ class Sculpt:
         self.first_joints: np.ndarray | None = None  # of revision 0, as the daemon counts bones
         self._asked: set = set()  # what changes the session, and is not answered
         self._by_request: dict[int, Stroke] = {}
+        self._late: list[tuple[Stroke, Change]] = []  # answered; an update that covers it comes
+        # Numbers our strokes; above those of an earlier session of this connection (1/4096 ms).
+        self._sequence = int(time.time() * 1000) << 12
         self._done: list[Entry] = []  # the daemon's history as far as we saw it grow
         self._undone: list[Entry] = []
         self._hops: list[tuple[str, Step]] = []  # ours that the daemon has not followed
@@ -189,7 +193,8 @@ class Sculpt:
     @property
     def is_settled(self) -> bool:
         """Nothing is under way that would change weights: a good moment to show what arrived."""
-        return not self._asked and all(stroke.is_answered for stroke in self.pending)
+        return (not self._asked and not self._late
+                and all(stroke.is_answered for stroke in self.pending))
 
     # ---- talking ----
 
@@ -218,7 +223,7 @@ class Sculpt:
         return self.channel.request(method, {"session": self.name, **params}, done)
 
     def _change(self, method: str, params: dict, done) -> int | None:
-        """A request that changes weights: `truth` is not settled before its answer."""
+        """A request that changes weights: `held` is not settled before its answer."""
         sent: list[int] = []
 
         def answered(result: dict | None, error: SkindError | None) -> None:
@@ -257,10 +262,14 @@ class Sculpt:
     def _send(self, stroke: Stroke) -> None:
         self._need_pose(stroke.pose_name)
         stroke.chunks.clear()
+        if not stroke.sequence and "sequence" in self.channel.capabilities:
+            self._sequence += 1
+            stroke.sequence = self._sequence  # it keeps it when it is sent again
+        numbered = {"sequence": stroke.sequence} if stroke.sequence else {}
         stroke.request = self._change(
             "stroke.apply",
             {"pose": stroke.pose_name, "vertices": stroke.vertices,
-             "positions": self.space.points(stroke.targets), **stroke.options},
+             "positions": self.space.points(stroke.targets), **stroke.options, **numbered},
             lambda result, error: self._answer(stroke, result, error))
         if stroke.request is not None:
             self._by_request[stroke.request] = stroke
@@ -285,7 +294,8 @@ class Sculpt:
                 self._led.append(stroke.vertices)
             return
         stroke.request = None
-        if error is not None and stroke.options.get("residual") == "rest":
+        if (error is not None and error.name == "unsupported" and not stroke.dropped
+                and stroke.options.get("residual") == "rest"):
             # It takes a second pose to tell rest and pose apart. The stroke is not lost for that.
             stroke.options = {name: value for name, value in stroke.options.items()
                               if name != "residual"}
@@ -298,15 +308,43 @@ class Sculpt:
             if stroke.in_doubt:  # what the daemon has for it is not what is shown
                 self._led.append(stroke.vertices)
             return
-        self.revision = result["revision"]
         change = joined(stroke.chunks, self.influences)
         stroke.chunks.clear()
-        self.held.put(change)
+        if "residuals" not in result:  # it was done before, and its arrays went with the connection
+            result["residuals"] = np.full(len(stroke.vertices), np.nan, np.float32)
+            shape = stroke.pose_name if stroke.options.get("residual") == "shape" else ""
+            self._take_late(stroke, self.held.of(stroke.vertices, shape=shape))
+        elif not result["vertices"] or self._is_next(result):
+            self.revision = max(self.revision, result["revision"]) if result["vertices"] else (
+                self.revision)
+            self.held.put(change)
+            self._take_answer(stroke, change)
+        else:
+            self._take_late(stroke, change)
+
+    def _is_next(self, result: dict) -> bool:
+        """Whether what we know of our own change is all that we lack; else an update that covers
+        it comes, or came (protocol/PROTOCOL.md, Revisions)."""
+        return result["revision"] == self.revision + 1 and not result.get("repeated")
+
+    def _take_answer(self, stroke: Stroke, change: Change) -> None:
+        """The stroke's change is in `held`."""
         entry = self._remember(Entry(dropped=stroke.dropped))
         if stroke.dropped:
             self._led.append(change.vertices)
         else:
             self._arrive("stroke", self.client, change, entry, stroke)
+
+    def _take_late(self, stroke: Stroke, change: Change) -> None:
+        self._late.append((stroke, change))
+        self._take_covered()
+
+    def _take_covered(self) -> None:
+        """Strokes that were answered, and whose revision `held` has reached since."""
+        for late in [each for each in self._late if each[0].result["revision"] <= self.revision]:
+            stroke, change = late
+            self._late.remove(late)
+            self._take_answer(stroke, self.held.of(change.vertices, shape=change.shape))
 
     def drop(self, stroke: Stroke) -> None:
         """The stroke was undone before it was shown."""
@@ -338,7 +376,8 @@ class Sculpt:
             if result is None:
                 self.problem = str(error)
                 return
-            if result["revision"] > self.revision:  # of pins alone, which nobody tells who asked
+            # Of pins alone, which nobody tells who asked.
+            if method in ("pins.weigh", "pins.clear") and self._is_next(result):
                 self.revision = result["revision"]
                 nothing = Change(NONE, np.empty((0, self.influences), np.float32))
                 self._arrive("pins", self.client, nothing, self._remember(Entry()))
@@ -434,15 +473,29 @@ class Sculpt:
     def _notice_update(self, params: dict) -> None:
         if params["revision"] <= self.revision:
             return  # what we fetched holds it already
+        is_missed = params.get("since", self.revision) > self.revision
         self.revision = params["revision"]
-        if params.get("resync"):
+        if params.get("resync") or is_missed or "changes" in params:
             self._forget_history()
             self._resync()
             return
         change = self.space.change(params)
         self.held.put(change)
+        self._take_notice(params, change)
+        self._take_covered()
+
+    def _is_shown_late(self, change: Change) -> bool:
+        """Whether it is one of our strokes, whose answer says what to do with it."""
+        streamed = [joined(stroke.chunks, self.influences) for stroke in self._by_request.values()]
+        return any(np.array_equal(each.vertices, change.vertices)
+                   for each in streamed + [late for _, late in self._late])
+
+    def _take_notice(self, params: dict, change: Change) -> None:
+        """What was done, by whom; the change is in `held`."""
         cause = params["cause"]
-        if params["client"] == self.client and cause in ("undo", "redo"):
+        if params["client"] == self.client and cause == "stroke" and self._is_shown_late(change):
+            return
+        if params["client"] == self.client and cause in ("undo", "redo", "set"):
             self._led.append(change.vertices)  # ours; _settle() looks whether it did what it should
             return
         entry = None
@@ -497,6 +550,7 @@ class Sculpt:
         But not where the tool is ahead, nor what may be from a stroke that is asked for again.
         """
         before, self.held, self.revision = self.held, held.state, held.revision
+        self._take_covered()
         doubted = [each for each in self.pending if each.in_doubt]
 
         def unknown(vertices: np.ndarray, strokes: list[Stroke]) -> np.ndarray:
@@ -636,9 +690,10 @@ class Sculpt:
 
         def done(result: dict | None, error: SkindError | None) -> None:
             if result is not None:
-                self.revision = max(self.revision, result["revision"])
-                self.held.put(change)
-                self._remember(Entry())
+                if self._is_next(result):
+                    self.revision = result["revision"]
+                    self.held.put(change)
+                    self._remember(Entry())
                 sums = change.weights.sum(axis=1, dtype=np.float64)
                 if result["vertices"] != len(vertices) or (abs(sums - 1) > SUM_SLACK).any():
                     self._resync(vertices)  # twins went with them, or rows were scaled
@@ -665,6 +720,9 @@ class Sculpt:
             return
         self.phase = "lost"
         self._asked.clear()
+        for stroke, _ in self._late:  # `held` will have it when it was fetched again
+            stroke.result, stroke.in_doubt = None, True
+        self._late.clear()
         self._by_request.clear()
         self._poses_sent.clear()
         self._pins_at = -1
