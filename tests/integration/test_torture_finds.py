@@ -1,0 +1,68 @@
+"""What `./run torture` found once, each as a test of its own."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rigs
+from core import SkindError
+
+GONE = {"session": "nobody"}
+SOME = {"vertices": np.array([0], np.uint32)}
+# Each method that works on a session, with what it cannot do without.
+METHODS = {
+    "session.info": {}, "session.attach": {}, "session.detach": {}, "session.close": {},
+    "session.set": {"durability": "off"}, "session.claim": {}, "session.delete": {},
+    "session.save": {"path": "/nowhere/a.skind"}, "session.fork": {"name": "fork"},
+    "session.verify": {}, "session.export": {"path": "/nowhere/a.glb"}, "mesh.get": {},
+    "pose.set": {"pose": "p", "bend": 10}, "pose.evaluate": {"pose": "p"},
+    "stroke.apply": {"pose": "p", "positions": np.zeros((1, 3), np.float32), **SOME},
+    "pins.list": {}, "pins.get": {"pose": "p"}, "pins.weigh": {"pose": "p", "weight": 1},
+    "pins.clear": {}, "pins.solve": {"pose": "p"}, "guard.set": {}, "guard.get": {},
+    "shapes.list": {}, "shapes.get": {"pose": "p"},
+    "session.refit": {"poses": ["p"], "positions": np.zeros((1, 3), np.float32)},
+    "weights.get": {}, "weights.set": {"weights": np.array([[1, 0, 0, 0]], np.float32), **SOME},
+    "weights.mirror": {}, "weights.prune": {}, "weights.reduce": {"influences": 1},
+    "history.undo": {}, "history.redo": {},
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_session_that_is_not_there(daemon, method) -> None:
+    """session.verify went on with its call after it had been answered and freed."""
+    with daemon.link(checked=False) as link:
+        for _ in range(20):
+            with pytest.raises(SkindError) as refusal:
+                link.call(method, {**GONE, **METHODS[method]})
+            assert refusal.value.name == "no_session"
+        link.call("session.create", {"name": "after", **rigs.sheet(16)})
+        link.call("weights.get", {"session": "after"})
+
+
+@pytest.mark.parametrize("method", ["session.delete", "session.close"])
+def test_a_session_that_was_ended_stays_ended(start, folder: Path, method) -> None:
+    """It came back when the daemon was killed right after the answer."""
+    for attempt in range(8):
+        daemon = start(socket=folder / f"s{attempt}")
+        with daemon.link(checked=False) as link:
+            link.call("session.create", {"name": "gone", **rigs.sheet(64)})
+            link.call("stroke.apply", {"session": "gone", "pose": "rest", **SOME,
+                                       "positions": np.ones((1, 3), np.float32)})
+            link.call(method, {"session": "gone"})
+            daemon.stop(signal.SIGKILL)
+        with start(socket=daemon.socket).link(checked=False) as link:
+            assert link.call("session.list")["sessions"] == []
+
+
+def test_it_stops_with_sessions_that_are_kept(start) -> None:
+    """The journal kept the loop waiting for a next record."""
+    daemon = start()
+    with daemon.link(checked=False) as link:
+        link.call("session.create", {"name": "kept", **rigs.sheet(64)})
+    began = time.monotonic()
+    assert daemon.stop() == 0
+    assert time.monotonic() - began < 10

@@ -1,0 +1,278 @@
+"""Journals that were cut, zeroed or flipped: never wrong weights, never a failed start.
+
+A session's file and its log are kept as they were after each answered step, with what the daemon
+held then. Copies are damaged:
+
+    cut      the log at every byte of its last records, newest first
+    zero     the same places, with zeros to the end
+    flip     one random bit of the file or the log
+    folded   the file after a clean stop, cut and flipped in the same ways
+
+Each is read by the daemon's own reader (journal_probe), which must come up with a state that was
+held, at the revision that it says; where only the end is lost, the newest whole one. A share of
+them goes through a daemon's start.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import subprocess
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from core import SkindError
+
+from .. import work
+from ..yard import BIN, Daemon, Failed, Yard, expect
+
+VERTICES = 100
+STEPS = 24
+LAST = 3  # records whose every byte is cut at
+SPREAD = 8  # byte distance of cuts before these
+
+
+def hash_of(link: object, session: str) -> str:
+    """FNV-1a of joints, weights and rest, as journal_probe.c has it."""
+    who = {"session": session}
+    rows = link.call("weights.get", who)
+    rest = link.call("mesh.get", who)["rest"]
+    data = b"".join(np.ascontiguousarray(array).tobytes()
+                    for array in (rows["joints"], rows["weights"], rest))
+    value = 0xcbf29ce484222325
+    for byte in data:
+        value = (value ^ byte) * 0x100000001b3 & 0xffffffffffffffff
+    return f"{value:016x}"
+
+
+@dataclass
+class Original:
+    """A session's file and log (None: folded in), and what was held at each revision."""
+
+    file: Path
+    log: Path | None
+    held: dict[int, str]
+    log_bytes: dict[int, int]  # of the log, once the revision was answered
+
+    @property
+    def newest(self) -> int:
+        return max(self.held)
+
+
+def record(yard: Yard) -> tuple[Original, Original]:
+    """A session's life: its file as kill -9 leaves it, and as a clean stop does."""
+    folder = yard.folder()
+    with yard.daemon() as daemon:
+        with daemon.link() as link:
+            work.create(link, "torn", VERTICES)
+            file = next(daemon.state.rglob("torn-*.skind"))
+            log = Path(f"{file}-wal")
+            recipe = work.Recipe("torn", VERTICES, 8)
+            held, sizes = {0: hash_of(link, "torn")}, {0: log.stat().st_size if log.exists() else 0}
+            while len(held) <= STEPS:
+                method, params = recipe.next()
+                try:
+                    answer = link.call(method, params)
+                except SkindError as error:
+                    expect(error.name in work.NOTHING_TO_DO, str(error))
+                    continue
+                if "revision" in answer:
+                    held[answer["revision"]] = hash_of(link, "torn")
+                    sizes[answer["revision"]] = log.stat().st_size
+            shutil.copy(file, folder / "crashed.skind")
+            shutil.copy(log, folder / "crashed.skind-wal")
+        daemon.stop()
+        file = next(daemon.state.rglob("torn-*.skind"))
+        shutil.copy(file, folder / "folded.skind")
+        daemon.start()
+    return (Original(folder / "crashed.skind", folder / "crashed.skind-wal", held, sizes),
+            Original(folder / "folded.skind", None, held, {}))
+
+
+class Probe:
+    """journal_probe, a file after the other."""
+
+    def __init__(self) -> None:
+        self.process = subprocess.Popen([BIN / "journal_probe"], stdin=subprocess.PIPE,
+                                        stdout=subprocess.PIPE, text=True)
+
+    def read(self, path: Path) -> tuple[str, int, bool, str, str]:
+        """(status, revision, whether something was lost, hash, sentence)"""
+        self.process.stdin.write(f"{path}\n")
+        self.process.stdin.flush()
+        line = self.process.stdout.readline()
+        expect(line, f"the reader died with {self.process.poll()} on {path}")
+        status, revision, _, cut, held, *text = line.rstrip("\n").split(" ", 5)
+        return status, int(revision), cut == "1", held, " ".join(text)
+
+    def close(self) -> None:
+        self.process.stdin.close()
+        self.process.wait(10)
+
+
+class Bench:
+    """A copy of an original that is damaged and mended again, and the cases that failed."""
+
+    def __init__(self, yard: Yard, original: Original, name: str, seed: int) -> None:
+        self.yard, self.original, self.name = yard, original, name
+        self.folder = yard.folder()
+        self.file = self.folder / "torn-0123456789abcdef.skind"
+        self.log = Path(f"{self.file}-wal")
+        self.random = random.Random(seed)
+        self.probe = Probe()
+        self.cases = 0
+        self.failed: list[str] = []
+        self.renew()
+
+    def renew(self) -> None:
+        shutil.copy(self.original.file, self.file)
+        if self.original.log is not None:
+            shutil.copy(self.original.log, self.log)
+
+    def target(self) -> Path:
+        """What is cut: the log, or the file when there is none."""
+        return self.log if self.original.log is not None else self.file
+
+    def check(self, what: str, wanted: int | None) -> None:
+        """Reads the copy; `wanted`: the revision that it must come up with."""
+        self.cases += 1
+        held = self.original.held
+        try:
+            status, revision, cut, found, text = self.probe.read(self.file)
+        except Failed as failure:
+            self.failed.append(f"{what}: {failure}")
+            self.probe = Probe()
+            return
+        why = ""
+        if status == "ok":
+            if revision not in held or held[revision] != found:
+                why = f"other weights than those of revision {revision}"
+            elif wanted is not None and revision != wanted:
+                why = f"revision {revision} in place of {wanted}"
+            elif revision != self.original.newest and wanted is None and not cut:
+                why = f"revision {revision} of {self.original.newest}, and nothing said"
+        elif wanted is not None or status not in ("damaged", "unsupported", "newer"):
+            why = f"{status}: {text}"
+        if why:
+            self.failed.append(f"{self.name}, {what}: {why}")
+            self.yard.say(f"  {self.failed[-1]}")
+
+    def places(self, quick: bool) -> list[int]:
+        """Lengths to cut to, longest first."""
+        size = self.target().stat().st_size
+        if self.original.log is None:
+            return sorted({*range(size - 4096, size), *range(0, size, 511)}, reverse=True)[
+                ::64 if quick else 4]
+        sizes = self.original.log_bytes
+        every = sizes[self.original.newest - LAST]
+        return sorted({*range(every, size), *range(0, every, SPREAD * 16)}, reverse=True)[
+            ::128 if quick else 2]
+
+    def newest_within(self, size: int) -> int | None:
+        """The newest revision that lies whole before this length of the log."""
+        if self.original.log is None:
+            return None
+        return max(revision for revision, end in self.original.log_bytes.items()
+                   if end <= size or revision == 0)
+
+    def cut(self, quick: bool) -> None:
+        for size in self.places(quick):
+            os.truncate(self.target(), size)
+            self.check(f"cut to {size} bytes", self.newest_within(size))
+        self.renew()
+
+    def zero(self, quick: bool) -> None:
+        end = self.target().stat().st_size
+        whole = self.target().read_bytes()
+        with self.target().open("r+b") as file:
+            for size in self.places(quick):
+                file.seek(size)
+                file.write(bytes(end - size))
+                file.flush()
+                end = size
+                kept = size + len(whole[size:]) - len(whole[size:].lstrip(b"\0"))
+                self.check(f"zeros from byte {size}", self.newest_within(kept))
+        self.renew()
+
+    def flip(self, count: int) -> None:
+        files = [self.file] + [self.log] * (self.original.log is not None)
+        for _ in range(count):
+            path = self.random.choice(files)
+            at, bit = self.random.randrange(path.stat().st_size), self.random.randrange(8)
+            with path.open("r+b") as file:
+                file.seek(at)
+                (byte,) = file.read(1)
+                file.seek(at)
+                file.write(bytes([byte ^ 1 << bit]))
+                file.flush()
+                self.check(f"bit {bit} of byte {at} of {path.suffix}", None)
+                file.seek(at)
+                file.write(bytes([byte]))
+
+    def start_daemon(self, damage: str) -> None:
+        """A daemon that finds the damaged copy among its sessions."""
+        self.cases += 1
+        daemon = Daemon(self.yard.folder())
+        try:
+            daemon.start()
+            folder = next(daemon.state.rglob("lock")).parent
+            daemon.stop()
+            for path in (self.file, self.log):
+                if path.exists():
+                    shutil.copy(path, folder / path.name)
+            with daemon.start().link() as link:
+                listed = link.call("session.list")
+                names = {row["session"]: row["revision"] for row in listed["sessions"]}
+                if "torn" in names:
+                    expect(self.original.held[names["torn"]] == hash_of(link, "torn"),
+                           "a daemon started with other weights")
+                    link.call(*work.Recipe("torn", VERTICES, 1).stroke(pose="rest"))
+                else:
+                    expect(listed["damaged"], "the session is gone, and nothing is said")
+            daemon.stop()
+        except (Failed, SkindError, OSError) as failure:
+            self.failed.append(f"{self.name}, a start after {damage}: {failure}")
+            self.yard.say(f"  {self.failed[-1]}")
+            daemon.kill()
+
+    def start_some(self, count: int) -> None:
+        for index in range(count):
+            size = self.target().stat().st_size
+            if index % 2:
+                at = self.random.randrange(size)
+                os.truncate(self.target(), at)
+                self.start_daemon(f"a cut to {at}")
+            else:
+                with self.target().open("r+b") as file:
+                    at = self.random.randrange(size)
+                    file.seek(at)
+                    file.write(b"\xa5")
+                self.start_daemon(f"a5 in byte {at}")
+            self.renew()
+
+    def run(self, quick: bool) -> "Bench":
+        try:
+            self.check("whole", self.original.newest)
+            self.cut(quick)
+            self.zero(quick)
+            self.flip(100 if quick else 3000)
+            self.start_some(4 if quick else 40)
+        finally:
+            self.probe.close()
+            shutil.rmtree(self.folder, ignore_errors=True)
+        return self
+
+
+def measure(yard: Yard, seconds: float) -> dict:
+    began = time.monotonic()
+    crashed, folded = record(yard)
+    benches = [Bench(yard, crashed, "crashed", 1), Bench(yard, folded, "folded", 2)]
+    with ThreadPoolExecutor(len(benches)) as pool:
+        done = list(pool.map(lambda bench: bench.run(yard.quick), benches))
+    cases, failed = sum(b.cases for b in done), sum(len(b.failed) for b in done)
+    yard.say(f"  {cases} cases in {time.monotonic() - began:.0f} s")
+    return {"torn_cases": cases, "torn_failed": failed}
