@@ -17,6 +17,15 @@ sys.path[:0] = [str(ROOT / "clients" / "blender_addon"), str(ROOT / "tests"),
 from daemons import BIN, Daemon  # noqa: E402
 
 
+@pytest.fixture(scope="session", autouse=True)
+def state_home() -> Iterator[None]:
+    """Daemons keep their sessions here, and not with those of whoever runs the tests."""
+    with tempfile.TemporaryDirectory(prefix="skind-state-") as path:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("XDG_STATE_HOME", path)
+            yield
+
+
 @pytest.fixture(scope="session")
 def probe_path() -> str:
     """The C library behind stdin and stdout; see protocol/wire_probe.c."""

@@ -19,11 +19,12 @@ START_SECONDS = 30.0  # generous: the sanitizer builds start slowly on a busy ma
 class Daemon:
     """A skind process under test."""
 
-    def __init__(self, folder: Path, *options: str, socket: Path | None = None) -> None:
+    def __init__(self, folder: Path, *options: str, socket: Path | None = None,
+                 before: tuple[str, ...] = ()) -> None:
         self.socket = socket or folder / "skind.sock"
         self.log = folder / "log"
         self.process = subprocess.Popen(
-            [BIN / "skind", "--socket", str(self.socket), *options],
+            [*before, BIN / "skind", "--socket", str(self.socket), *options],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self.log.open("ab"),
             env={"TSAN_OPTIONS": f"suppressions={ROOT / 'tests' / 'tsan.supp'}", **os.environ})
 
@@ -38,9 +39,10 @@ class Daemon:
                 time.sleep(0.01)
         raise AssertionError(f"skind does not answer: {self.log.read_text()}")
 
-    def link(self, name: str = "test", lines: bool = False, checked: bool = True) -> Link:
+    def link(self, name: str = "test", lines: bool = False, checked: bool = True,
+             id: str = "") -> Link:
         """A connection; `checked` holds each of its messages against the schemas."""
-        return Link.connect(self.socket, name=name, lines=lines,
+        return Link.connect(self.socket, name=name, id=id, lines=lines,
                             watch=schemas.watch() if checked else None)
 
     def stop(self, number: int = signal.SIGTERM) -> int:

@@ -12,6 +12,7 @@ import pytest
 import rigs
 from core import SkindError
 from daemons import BIN, ROOT
+from followers import next_update
 from test_seams import FILES, rings
 from test_setting import bits, longest_ping, random_rows
 
@@ -221,18 +222,15 @@ def test_everyone_hears_of_slots_that_changed(daemon, folder, lines) -> None:
             other.call("session.attach", {"session": "body"})
         body.scramble(4)
         joints, weights = (part.copy() for part in body.state())
-        viewer.call("ping")
-        viewer.notifications.clear()
+        while next_update(viewer)["revision"] < body.call("session.info")["revision"]:
+            pass
         link.notifications.clear()
         for method, more in (("mirror", {}), ("prune", {"below": 0.05}), ("reduce", {
                 "influences": 2, "by": "size"})):
             body.call(f"weights.{method}", **more)
             for other in (link, viewer):
-                other.call("ping")
-                (note,) = other.notifications
-                told = note.params
+                told = next_update(other)
                 assert (told["cause"], told["client"]) == (method, "painter")
-                other.notifications.clear()
             named = np.asarray(told["vertices"])
             weights[named] = told["weights"]
             if "joints" in told:

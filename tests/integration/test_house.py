@@ -12,13 +12,17 @@ MAY_INCLUDE = {
     "server/base": {"base"},
     "server/solver": {"base", "solver"},
     "server/rig": {"base", "solver", "rig"},
+    "server/import": {"base", "rig", "import"},
     "protocol": {"base", "protocol"},
     "server/session": {"base", "solver", "rig", "session", "protocol/limits.h"},
+    "server/journal": {"base", "solver", "rig", "session", "journal", "protocol/limits.h"},
     "server/net": {"base", "protocol", "net"},
-    "server/requests": {"base", "solver", "rig", "session", "net", "protocol", "requests"},
+    "server/requests": {"base", "solver", "rig", "import", "session", "journal", "net", "protocol",
+                        "requests"},
     "clients/cli": {"base", "protocol", "cli", "generate"},
 }
-ROOMS = {"base", "solver", "rig", "session", "net", "protocol", "requests", "daemon.h"}
+ROOMS = {"base", "solver", "rig", "import", "session", "journal", "net", "protocol", "requests",
+         "daemon.h"}
 
 # The C headers that a pure room may use.
 PURE_HEADERS = {

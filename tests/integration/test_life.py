@@ -113,7 +113,7 @@ def test_it_ends_when_idle_for_as_long_as_it_was_told(start) -> None:
 def test_it_does_not_end_on_unexported_work(start) -> None:
     daemon = start("--idle-exit", "1")
     with daemon.link() as link:
-        link.call("session.create", {"name": "sheet", **rigs.sheet(64)})
+        link.call("session.create", {"name": "sheet", "durability": "off", **rigs.sheet(64)})
         link.call("stroke.apply", {"session": "sheet", "pose": "rest", "vertices": [1],
                                    "positions": [[0, 0, 0]]})
     time.sleep(2.5)

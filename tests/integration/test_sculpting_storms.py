@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import pytest
 import rigs
 from core import SkindError
 from daemons import BIN, ROOT
-from test_storms import Observer, Storm, anchors_of, check_session
+from test_storms import Storm, anchors_of, check_session, take_steps
 
 QUICK = os.environ.get("SKIND_QUICK", "") not in ("", "0")
 STEPS = 60 if QUICK else 75
@@ -85,20 +86,28 @@ class Follower:
             shape = self.shapes.setdefault(params["shape"], offsets)
             shape[vertices] = np.asarray(params["offsets"], np.float32).reshape(count, 3)
 
-    def follow(self) -> None:
-        self.link.call("ping")
-        while self.link.notifications:
-            note = self.link.notifications.popleft()
-            assert note.method == "session.update"
-            assert note.params["revision"] == self.revision + 1
-            self.revision += 1
-            self.take(note.params)
+    def follow(self, revision: int) -> None:
+        """Up to that revision."""
+        deadline = time.monotonic() + 20
+        while self.revision < revision:
+            assert time.monotonic() < deadline, f"revision {self.revision + 1} was not told"
+            self.link.pump(0 if self.link.notifications else 0.01)
+            while self.link.notifications:
+                note = self.link.notifications.popleft()
+                if note.method == "session.presence":
+                    continue
+                assert note.method == "session.update"
+                assert note.params["since"] == self.revision
+                self.revision = note.params["revision"]
+                self.take(note.params)
 
     def follow_own(self, answered: bool) -> None:
         """The same for who asked: what streams counts when its answer comes."""
         while self.link.notifications:
             note = self.link.notifications.popleft()
-            if note.method == "session.update" or answered:
+            if note.method == "session.presence":
+                continue
+            if note.method == "session.update" or (note.method == "stroke.weights" and answered):
                 self.take(note.params)
 
     def fetch(self, picture: dict) -> None:
@@ -314,6 +323,7 @@ class Walk:
             answer = {}
         self.own.follow_own(answered=bool(answer))
         self.learn(method, answer, told)
+        self.own.follow_own(answered=False)  # an update that came after the answer
         if method == "weights.set":
             self.own.fetch(self.picture)
         self.own.compare(self.picture)
@@ -329,7 +339,7 @@ class Walk:
             self.position += 1
         self.compare(seen, told)
         for other in self.others:
-            other.follow()
+            other.follow(self.revision)
             other.compare(seen)
         if "undo_steps" in answer:
             assert (answer["undo_steps"], answer["redo_steps"]) == (
@@ -414,17 +424,8 @@ def test_everything_at_once(start, folder, seed) -> None:
     storm = SculptingStorm(daemon, folder, seed)
     with daemon.link() as link:
         anchors = anchors_of(storm, link)
-    observers = [Observer(daemon, lines) for lines in (False, True)]
-    for number in range(2 * STEPS):
-        storm.step()
-        if number % 20 == 0:
-            for observer in observers:
-                observer.step(["small", "large", "body"])
-    storm.settle()
+    take_steps(storm, 2 * STEPS, 20)
     assert storm.outcomes["ok"] > STEPS / 20
-    for observer in observers:
-        observer.link.pump(0.05)
-        observer.link.close()
     with daemon.link() as link:
         for row in link.call("session.list")["sessions"]:
             check_session(link, row["session"], anchors)

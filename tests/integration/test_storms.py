@@ -22,6 +22,7 @@ import schemas
 from core import Link, SkindError
 from core.wire import encode_request
 from daemons import BIN, Daemon
+from followers import next_update
 
 QUICK = os.environ.get("SKIND_QUICK", "") not in ("", "0")
 STEPS = 300 if QUICK else 1200
@@ -54,7 +55,7 @@ class Observer:
                 self.revisions[name] = raw["result"]["revision"]
         elif raw.get("method") == "session.update":
             name, revision = raw["params"]["session"], raw["params"]["revision"]
-            assert revision == self.revisions[name] + 1, f"{name} jumps to {revision}"
+            assert raw["params"]["since"] == self.revisions[name], f"{name} jumps to {revision}"
             self.revisions[name] = revision
             self.updates += 1
         elif raw.get("method") == "session.closed":
@@ -234,6 +235,21 @@ def wait_until(condition, what: str, seconds: float = 20) -> None:
         time.sleep(0.01)
 
 
+def take_steps(storm: Storm, count: int, every: int) -> list[Observer]:
+    """The storm's steps, and between them those of two observers, who have hung up at the end."""
+    observers = [Observer(storm.daemon, lines) for lines in (False, True)]
+    for number in range(count):
+        storm.step()
+        if number % every == 0:
+            for observer in observers:
+                observer.step(["small", "large", "body"])
+    storm.settle()
+    for observer in observers:
+        observer.link.pump(0.05)
+        observer.link.close()
+    return observers
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_everything_at_once(start, folder, seed) -> None:
     daemon = start("--workers", str(1 + seed))
@@ -242,17 +258,8 @@ def test_everything_at_once(start, folder, seed) -> None:
         anchors = anchors_of(storm, link)
     wait_until(lambda: daemon_is_alone(daemon), "the first connections stayed")
     before = descriptors(daemon)
-    observers = [Observer(daemon, lines) for lines in (False, True)]
-    for number in range(STEPS // 3):
-        storm.step()
-        if number % 4 == 0:
-            for observer in observers:
-                observer.step(["small", "large", "body"])
-    storm.settle()
+    observers = take_steps(storm, STEPS // 3, 4)
     assert storm.outcomes["ok"] > STEPS / 30
-    for observer in observers:
-        observer.link.pump(0.05)
-        observer.link.close()
     with daemon.link() as link:
         assert observers[0].updates > 0 and observers[1].updates > 0
         for row in link.call("session.list")["sessions"]:
@@ -293,7 +300,7 @@ def test_an_end_in_the_middle_of_it(start, folder, end) -> None:
 
 
 def test_those_who_do_not_read_keep_nobody_waiting(daemon) -> None:
-    """Attached and deaf, or sending strokes and deaf: dropped or held, while others go on."""
+    """Attached and deaf, or sending strokes and deaf: others go on (test_stall.py: for how long)."""
     with daemon.link(checked=False) as link:
         link.call("session.create", {"name": "sheet", **rigs.sheet(40_000)})
         posed = link.call("pose.evaluate", {"session": "sheet", "pose": "rest"})["positions"]
@@ -311,10 +318,9 @@ def test_those_who_do_not_read_keep_nobody_waiting(daemon) -> None:
                 sender.socket.settimeout(0.5)
                 for piece in pieces:
                     sender.socket.sendall(piece)
-        for turn in range(120):  # more than 64 MiB of updates
+        for turn in range(120):  # 100 MiB of updates
             link.call(("history.undo", "history.redo")[turn % 2], {"session": "sheet"})
             link.call("ping", timeout=5)
-        assert link.call("session.list")["sessions"][0]["attached"] == 0
         listener.close()
         sender.close()
 
@@ -372,11 +378,11 @@ def test_who_attaches_in_the_middle_of_a_change_hears_of_it(daemon) -> None:
                          link.send("history.redo", {"session": "sheet"})]
                 held = listener.call("session.attach", {"session": "sheet"})["revision"]
                 done = [link.wait(turn)["revision"] for turn in turns][-1]
-                deadline = time.monotonic() + 5
-                while len(listener.notifications) < done - held and time.monotonic() < deadline:
-                    listener.pump(0.01)
-                assert [note.params["revision"] for note in listener.notifications] == list(
-                    range(held + 1, done + 1))
+                while held < done:
+                    told = next_update(listener)
+                    assert told["since"] == held
+                    held = told["revision"]
+                assert held == done
 
 
 def test_numbers_that_overflow_are_told_as_numbers(daemon) -> None:

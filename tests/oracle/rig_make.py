@@ -63,6 +63,11 @@ class Maker:
             extra["bufferView"] = None
         return self.accessor(np.zeros_like(array) if base else array, **extra)
 
+    def alias(self, index: int) -> int:
+        """One more accessor of the same bytes."""
+        self.json["accessors"].append(dict(self.json["accessors"][index], name="the same bytes"))
+        return len(self.json["accessors"]) - 1
+
     def glb(self) -> bytes:
         self.data += bytes(-len(self.data) % 4)
         self.json["buffers"] = [{"byteLength": len(self.data)}]
@@ -125,6 +130,10 @@ class Tube:
         if "WEIGHTS_0" not in made:
             made["WEIGHTS_0"] = maker.accessor(self.weights)
         return made
+
+    def twice(self, maker: Maker, first: dict) -> list[dict]:
+        """A primitive, and a second one of some triangles of the same vertices."""
+        return [first, {"attributes": first["attributes"], "indices": maker.accessor(self.indices[:30])}]
 
     def build(self, maker: Maker, primitives: list[dict], **mesh: object) -> Maker:
         """Nodes 0.. are the chain, the last one the skinned mesh."""

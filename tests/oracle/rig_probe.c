@@ -6,6 +6,7 @@
  *                                                    raw uint16 and float32 [V][N] files; float32
  *                                                    [V][3]; uint32 [n] and float32 [n][3] a shape
  *   rig_probe hold FILE TARGET N JOINTS WEIGHTS      the same, after a line on stdin
+ *   rig_probe image FILE OUT                         its image (rig/rig_image.h)
  *   rig_probe time FILE TIMES                        milliseconds of each load
  *   rig_probe check FILE...                          status and text of each, one object a line
  *
@@ -13,6 +14,7 @@
  */
 #include "rig/gltf.h"
 #include "rig/pose.h"
+#include "rig/rig_image.h"
 
 #include <cjson/cJSON.h>
 
@@ -316,6 +318,21 @@ static void command_hold(const struct loaded *loaded, char **arguments)
         command_export(loaded, 4, arguments);
 }
 
+static bool write_to(void *user, const void *bytes, size_t count)
+{
+    return fwrite(bytes, 1, count, user) == count;
+}
+
+static void command_image(const struct loaded *loaded, const char *path)
+{
+    FILE *file = fopen(path, "wb");
+    const struct skd_image_sink sink = {write_to, file};
+    if (file == NULL || !skd_rig_image_write(loaded->rig, &loaded->influences, &sink) ||
+        fclose(file) != 0)
+        die(path);
+    puts("{\"status\":\"ok\"}");
+}
+
 static double now_ms(void)
 {
     struct timespec now;
@@ -378,6 +395,8 @@ int main(int count, char **arguments)
         command_pose(&loaded, count - 3, arguments + 3);
     else if (strcmp(command, "export") == 0 && count >= 7)
         command_export(&loaded, count - 3, arguments + 3);
+    else if (strcmp(command, "image") == 0 && count == 4)
+        command_image(&loaded, arguments[3]);
     else if (strcmp(command, "hold") == 0 && count == 7)
         command_hold(&loaded, arguments + 3);
     else

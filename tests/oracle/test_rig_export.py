@@ -207,14 +207,11 @@ def variants() -> dict[str, Maker]:
         return {"attributes": shape.attributes(maker, **attributes), "indices": maker.accessor(shape.indices)}
 
     def shared(maker: Maker, shape: Tube) -> list[dict]:
-        first = one(maker, shape)
-        return [first, {"attributes": first["attributes"], "indices": maker.accessor(shape.indices[:30])}]
+        return shape.twice(maker, one(maker, shape))
 
     def aliased(maker: Maker, shape: Tube) -> list[dict]:
         first = one(maker, shape)
-        weights = dict(maker.json["accessors"][first["attributes"]["WEIGHTS_0"]], name="the same bytes")
-        maker.json["accessors"].append(weights)
-        alias = {**first["attributes"], "WEIGHTS_0": len(maker.json["accessors"]) - 1}
+        alias = {**first["attributes"], "WEIGHTS_0": maker.alias(first["attributes"]["WEIGHTS_0"])}
         moved = maker.accessor(shape.positions + np.float32(9))
         return [first, {"attributes": {**alias, "POSITION": moved}, "indices": first["indices"]}]
 

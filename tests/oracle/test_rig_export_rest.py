@@ -110,15 +110,11 @@ def variants() -> dict[str, tuple[Maker, bool]]:
         return primitive(maker, shape, POSITION=index)
 
     def shared(maker: Maker, shape: Tube) -> list[dict]:
-        first = primitive(maker, shape)
-        return [first, {"attributes": first["attributes"], "indices": maker.accessor(shape.indices[:30])}]
+        return shape.twice(maker, primitive(maker, shape))
 
     def aliased(maker: Maker, shape: Tube) -> list[dict]:
         first = primitive(maker, shape)
-        copied = dict(maker.json["accessors"][first["attributes"]["POSITION"]], name="the same bytes")
-        maker.json["accessors"].append(copied)
-        alias = {"POSITION": len(maker.json["accessors"]) - 1}
-        return [first, primitive(maker, shape, **alias)]
+        return [first, primitive(maker, shape, POSITION=maker.alias(first["attributes"]["POSITION"]))]
 
     def unskinned(maker: Maker, shape: Tube) -> list[dict]:
         first = primitive(maker, shape)

@@ -31,7 +31,8 @@ class Lab:
     def __enter__(self) -> "Lab":
         path = Path(self.folder.name) / "skind.sock"
         self._log = (Path(self.folder.name) / "log").open("wb")
-        self._process = subprocess.Popen([BIN / "skind", "--socket", str(path)],
+        self._process = subprocess.Popen([BIN / "skind", "--socket", str(path), "--state",
+                                          str(path.parent / "state")],
                                          stdin=subprocess.DEVNULL, stderr=self._log)
         deadline = time.monotonic() + START_SECONDS
         while True:
