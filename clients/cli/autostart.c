@@ -8,7 +8,7 @@
  */
 #include "clients/cli/autostart.h"
 
-#include "clients/cli/cli.h"
+#include "clients/cli/options.h"
 
 #include <errno.h>
 #include <fcntl.h>

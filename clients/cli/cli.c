@@ -11,8 +11,6 @@
 
 enum { IDLE_EXIT_SECONDS = 1800 }; /* of a daemon that nobody asked for by name */
 
-struct skd_cli_options skd_cli;
-
 int skd_cli_usage(struct skd_error *error, const char *format, ...)
 {
     char text[SKD_ERROR_TEXT_BYTES];
@@ -39,18 +37,6 @@ int skd_cli_conclude(struct skd_link *link, struct skd_message *answer, enum skd
     skd_message_finish(answer);
     skd_link_close(link);
     return skd_cli_exit(status);
-}
-
-void skd_cli_say(const char *format, ...)
-{
-    va_list arguments;
-    if (skd_cli.quiet)
-        return;
-    fflush(stdout); /* so that talk and data keep their order on a terminal */
-    va_start(arguments, format);
-    (void)vfprintf(stderr, format, arguments);
-    va_end(arguments);
-    fputc('\n', stderr);
 }
 
 enum skd_status skd_cli_address(char address[SKD_SOCKET_PATH_BYTES], struct skd_error *error)

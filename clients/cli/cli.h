@@ -13,29 +13,13 @@
 
 #include "base/paths.h"
 #include "clients/cli/link.h"
-
-#include <popt.h>
+#include "clients/cli/options.h"
 
 enum skd_exit {
     SKD_EXIT_OK = 0,
     SKD_EXIT_FAILED = 1, /* the daemon or the work refused it */
     SKD_EXIT_USAGE = 2,  /* the command line is wrong */
 };
-
-/* The options that several commands take. */
-struct skd_cli_options {
-    char *socket;  /* an address (link.h); NULL: the default of base/paths.h */
-    char *session; /* NULL: the only open one */
-    int json;
-    int quiet;
-};
-extern struct skd_cli_options skd_cli;
-
-/* clang-format off */
-#define SKD_OPTION_SESSION                                                                         \
-    {"session", 's', POPT_ARG_STRING, &skd_cli.session, 0,                                         \
-     "the rig session (default: the only open one)", "NAME"}
-/* clang-format on */
 
 enum skd_command_group {
     SKD_GROUP_DAEMON,
@@ -86,9 +70,6 @@ int skd_cli_conclude(struct skd_link *link, struct skd_message *answer, enum skd
 
 /* skinctl list, with or without what is closed or damaged. */
 int skd_cli_list(bool all, struct skd_error *error);
-
-/* Talks on stderr, unless told to be quiet. */
-void skd_cli_say(const char *format, ...) __attribute__((format(printf, 1, 2)));
 
 /* Where the daemon is, or is to be: --socket, else $SKIND_SOCKET, else the user's own socket. */
 SKD_MUST_CHECK enum skd_status skd_cli_address(char address[SKD_SOCKET_PATH_BYTES],

@@ -2,7 +2,7 @@
 #include "clients/cli/link.h"
 
 #include "base/paths.h"
-#include "clients/cli/cli.h"
+#include "clients/cli/options.h"
 #include "protocol/errors.h"
 
 #include <arpa/inet.h>

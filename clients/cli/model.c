@@ -24,16 +24,19 @@ cJSON *skd_session_body(const char *session)
 }
 
 /* Milliseconds of the clock, and below them the process: they rise, and two processes of a
- * terminal, whose ids are near each other, do not choose the same. Below 2^53 until 2039. */
-double skd_next_sequence(void)
+ * terminal, whose ids are near each other, do not choose the same. Below 2^53 until 2039; as text,
+ * because cJSON rounds what it prints of a number of more than 15 digits. */
+void skd_add_sequence(cJSON *body)
 {
     static int64_t last;
     struct timespec now;
+    char digits[24];
     clock_gettime(CLOCK_REALTIME, &now);
     int64_t ms = (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
     int64_t next = ms * PROCESSES + getpid() % PROCESSES;
     last = next > last ? next : last + PROCESSES;
-    return (double)last;
+    (void)snprintf(digits, sizeof digits, "%lld", (long long)last);
+    cJSON_AddRawToObject(body, "sequence", digits);
 }
 
 /* Connects anew, and makes sure that nothing that was answered is gone. */

@@ -47,8 +47,8 @@ SKD_MUST_CHECK enum skd_status skd_model_call(struct skd_model *model, const cha
                                               int array_count, struct skd_message *answer,
                                               struct skd_error *error);
 
-/* A number for a request that must not be done twice: no two of this terminal's have the same. */
-double skd_next_sequence(void);
+/* Numbers a request that must not be done twice: no two of this terminal's have the same. */
+void skd_add_sequence(cJSON *body);
 
 /* Each asks once; the weights are of the vertices named, or of all (vertices NULL).
  * Errors: the daemon's; SKD_INTERNAL when it sends arrays of other sizes. */

@@ -234,7 +234,7 @@ enum skd_status skd_play_call(struct skd_model *model, const char *method, cJSON
     skd_progress_begin(&streaming.progress, "solving");
     model->link->notify = on_weights;
     model->link->user = &streaming;
-    cJSON_AddNumberToObject(body, "sequence", skd_next_sequence());
+    skd_add_sequence(body);
     double begun = skd_clock_s();
     enum skd_status status =
         skd_model_call(model, method, body, arrays, array_count, &outcome->answer, error);
