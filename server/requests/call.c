@@ -3,6 +3,7 @@
 
 #include "base/log.h"
 #include "protocol/json_memory.h"
+#include "requests/connections.h"
 #include "requests/live.h"
 
 #include <stdlib.h>
@@ -39,10 +40,7 @@ struct skd_call *skd_call_create(struct skd_daemon *daemon, struct skd_connectio
 
 struct skd_connection *skd_call_connection(const struct skd_call *call)
 {
-    struct skd_connection *connection;
-    HASH_FIND(hh, call->daemon->connections, &call->connection_id, sizeof call->connection_id,
-              connection);
-    return connection;
+    return skd_connection_find(call->daemon, call->connection_id);
 }
 
 void skd_call_send(struct skd_call *call, struct skd_encoded *encoded, void (*release)(void *owner),
@@ -129,12 +127,21 @@ void skd_call_finish(struct skd_call *call)
     }
     if (reads_ahead(call)) {
         call->revision = call->live->session->revision;
-        skd_live_await(call->live, call);
+        DL_APPEND2(call->live->awaiting, call, turn_prev, turn_next);
         skd_call_pass_turn(call);
         return;
     }
     skd_call_send(call, &call->encoded, call->reply.release, call->reply.owner);
     end(call);
+}
+
+void skd_call_end_awaiting(struct skd_live *live)
+{
+    struct skd_call *call;
+    while ((call = live->awaiting) != NULL && call->revision <= live->durable_revision) {
+        DL_DELETE2(live->awaiting, call, turn_prev, turn_next);
+        skd_call_finish(call);
+    }
 }
 
 static void work_in_worker(uv_work_t *work)

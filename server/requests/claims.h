@@ -1,23 +1,11 @@
-/* Claims: what a tool says that it works on, so that two artists see each other before they
- * collide. A claim tells others and stops nobody.
+/* Claims, as others hear of them and as strokes run into them.
  *
- * Stage: request -> reply; a claim is made and looked at by workers, kept by the loop. It belongs
- * to a connection in a session and goes with it; it never changes once it is made.
+ * Stage: reply. Thread: the loop, except where a function says so.
  */
 #ifndef SKD_REQUESTS_CLAIMS_H
 #define SKD_REQUESTS_CLAIMS_H
 
 #include "requests/call.h"
-
-/* What all claims of a session may take together. */
-#define SKD_CLAIM_BYTES_MAX ((size_t)64 << 20)
-
-/* {bones, vertices} of a listener's claim, or of none. */
-cJSON *skd_claim_describe(const struct skd_live *live,
-                          const struct skd_listener_of_session *listener);
-
-/* Takes a listener's claim away. */
-void skd_claim_drop(struct skd_live *live, struct skd_listener_of_session *listener);
 
 /* Tells an idle listener one claim of another that it does not know yet. False: it knows all. */
 bool skd_claims_tell(struct skd_daemon *daemon, const struct skd_live *live,

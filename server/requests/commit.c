@@ -78,7 +78,7 @@ static void durable(void *user)
     if (!live->closed)
         skd_updates_flush(daemon, live);
     skd_call_finish(call);
-    skd_live_end_awaiting(live);
+    skd_call_end_awaiting(live);
     skd_live_release(live);
 }
 

@@ -3,7 +3,7 @@
 
 #include "base/log.h"
 #include "requests/keeping.h"
-#include "requests/live.h"
+#include "requests/listeners.h"
 #include "requests/presence.h"
 
 #include <stdio.h>
@@ -22,7 +22,7 @@ static void add_counts(cJSON *object, const struct skd_session *session, uint64_
 static void add_use(cJSON *object, const struct skd_live *live)
 {
     cJSON_AddStringToObject(object, "journal", skd_keeping_word(live));
-    cJSON_AddNumberToObject(object, "attached", skd_live_listener_count(live));
+    cJSON_AddNumberToObject(object, "attached", skd_listener_count(live));
     cJSON_AddBoolToObject(object, "busy", live->running != NULL);
 }
 

@@ -6,7 +6,7 @@
 
 #include "base/log.h"
 #include "net/tcp.h"
-#include "requests/claims.h"
+#include "requests/claim.h"
 #include "requests/memory.h"
 
 #include <stdio.h>

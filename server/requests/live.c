@@ -1,12 +1,11 @@
 /* See live.h. */
 #include "requests/live.h"
 
-#include "requests/call.h"
-#include "requests/claims.h"
+#include "requests/connections.h"
+#include "requests/listeners.h"
 
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <utlist.h>
 
 enum skd_status skd_live_reserve(struct skd_daemon *daemon, const char *name,
@@ -65,7 +64,8 @@ static struct skd_call *next_call(const struct skd_live *live)
         return NULL;
     DL_FOREACH2(live->waiting, call, turn_next)
     {
-        const struct skd_connection *connection = skd_call_connection(call);
+        const struct skd_connection *connection =
+            skd_connection_find(call->daemon, call->connection_id);
         if (connection == NULL || !skd_connection_full(connection))
             return call;
     }
@@ -97,18 +97,9 @@ void skd_live_retire(struct skd_daemon *daemon, struct skd_live *live)
     HASH_DEL(daemon->sessions, live);
 }
 
-static void remove_listener(struct skd_live *live, struct skd_listener_of_session *listener)
-{
-    HASH_DEL(live->listeners, listener);
-    skd_claim_drop(live, listener);
-    free(listener);
-}
-
 void skd_live_dismiss(struct skd_live *live)
 {
-    struct skd_listener_of_session *listener, *next;
-    HASH_ITER(hh, live->listeners, listener, next)
-    remove_listener(live, listener);
+    skd_listeners_forget(live);
     live->closed = true;
     destroy_if_left(live);
 }
@@ -154,68 +145,4 @@ void skd_live_resume(struct skd_daemon *daemon)
             serve(live);
         live = ready ? daemon->sessions : live->hh.next;
     }
-}
-
-void skd_live_await(struct skd_live *live, struct skd_call *call)
-{
-    DL_APPEND2(live->awaiting, call, turn_prev, turn_next);
-}
-
-void skd_live_end_awaiting(struct skd_live *live)
-{
-    struct skd_call *call;
-    while ((call = live->awaiting) != NULL && call->revision <= live->durable_revision) {
-        DL_DELETE2(live->awaiting, call, turn_prev, turn_next);
-        skd_call_finish(call);
-    }
-}
-
-struct skd_listener_of_session *skd_live_listener(const struct skd_live *live,
-                                                  uint64_t connection_id)
-{
-    struct skd_listener_of_session *listener;
-    HASH_FIND(hh, live->listeners, &connection_id, sizeof connection_id, listener);
-    return listener;
-}
-
-struct skd_connection *skd_listener_connection(const struct skd_daemon *daemon,
-                                               const struct skd_listener_of_session *listener)
-{
-    struct skd_connection *connection;
-    HASH_FIND(hh, daemon->connections, &listener->connection_id, sizeof listener->connection_id,
-              connection);
-    return connection;
-}
-
-enum skd_status skd_live_attach(struct skd_live *live, uint64_t connection_id,
-                                struct skd_listener_of_session **result, struct skd_error *error)
-{
-    struct skd_listener_of_session *listener = skd_live_listener(live, connection_id);
-    *result = listener;
-    if (listener != NULL)
-        return SKD_OK;
-    listener = *result = calloc(1, sizeof *listener);
-    if (listener == NULL)
-        return skd_fail_memory(error, "another listener");
-    listener->connection_id = connection_id;
-    listener->since_s = (int64_t)time(NULL);
-    listener->claims_at_attach = live->claim_changes;
-    HASH_ADD(hh, live->listeners, connection_id, sizeof listener->connection_id, listener);
-    if (skd_hash_added(listener))
-        return SKD_OK;
-    free(listener);
-    return skd_fail_memory(error, "another listener");
-}
-
-bool skd_live_detach(struct skd_live *live, uint64_t connection_id)
-{
-    struct skd_listener_of_session *listener = skd_live_listener(live, connection_id);
-    if (listener != NULL)
-        remove_listener(live, listener);
-    return listener != NULL;
-}
-
-int skd_live_listener_count(const struct skd_live *live)
-{
-    return (int)HASH_COUNT(live->listeners);
 }

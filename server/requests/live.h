@@ -1,4 +1,4 @@
-/* Open sessions: the table of names, the turns on each, and who listens.
+/* Open sessions: the table of names, and the turns on each.
  *
  * Stage: rig session. Thread: the loop.
  * One call at a time has a session's weights; the others wait in the order they came.
@@ -34,24 +34,5 @@ void skd_live_pass_turn(struct skd_live *live);
 /* After a client has read what was written to it, or is gone: its calls may have waited for that.
  */
 void skd_live_resume(struct skd_daemon *daemon);
-
-/* Keeps a call that is done until call->revision is durable; and ends those for which that is so
- * now. */
-void skd_live_await(struct skd_live *live, struct skd_call *call);
-void skd_live_end_awaiting(struct skd_live *live);
-
-/* Listeners: attaching twice is once. */
-SKD_MUST_CHECK enum skd_status skd_live_attach(struct skd_live *live, uint64_t connection_id,
-                                               struct skd_listener_of_session **listener,
-                                               struct skd_error *error);
-/* False: it was not attached. */
-bool skd_live_detach(struct skd_live *live, uint64_t connection_id);
-/* NULL: not attached. */
-struct skd_listener_of_session *skd_live_listener(const struct skd_live *live,
-                                                  uint64_t connection_id);
-/* A listener's connection, or NULL while that is going away. */
-struct skd_connection *skd_listener_connection(const struct skd_daemon *daemon,
-                                               const struct skd_listener_of_session *listener);
-int skd_live_listener_count(const struct skd_live *live);
 
 #endif

@@ -1,8 +1,9 @@
 /* See presence.h. */
 #include "requests/presence.h"
 
+#include "requests/claim.h"
 #include "requests/claims.h"
-#include "requests/live.h"
+#include "requests/listeners.h"
 
 #include <stdlib.h>
 
@@ -124,7 +125,7 @@ static void on_gathered(uv_timer_t *timer)
 
 void skd_presence_changed(struct skd_daemon *daemon, struct skd_live *live)
 {
-    unsigned listeners = (unsigned)skd_live_listener_count(live);
+    unsigned listeners = (unsigned)skd_listener_count(live);
     live->presence_changes++;
     if (daemon->presence != NULL || listeners == 0 || daemon->stopping)
         return;
@@ -141,7 +142,7 @@ void skd_presence_leave(struct skd_daemon *daemon, const struct skd_connection *
     struct skd_live *live, *next;
     HASH_ITER(hh, daemon->sessions, live, next)
     {
-        if (skd_live_detach(live, connection->id))
+        if (skd_listener_detach(live, connection->id))
             skd_presence_changed(daemon, live);
     }
 }

@@ -6,6 +6,7 @@
 #include "requests/handlers.h"
 
 #include "protocol/json_memory.h"
+#include "requests/connections.h"
 
 #include <stdlib.h>
 
@@ -117,10 +118,9 @@ static void parse_in_worker(uv_work_t *work)
 static void parse_done(uv_work_t *work, int status)
 {
     struct parsing *parsing = work->data;
-    struct skd_connection *connection;
+    struct skd_connection *connection =
+        skd_connection_find(parsing->daemon, parsing->connection_id);
     SKD_ASSERT(status == 0);
-    HASH_FIND(hh, parsing->daemon->connections, &parsing->connection_id,
-              sizeof parsing->connection_id, connection);
     if (connection == NULL) {
         skd_request_finish(&parsing->request);
     } else {

@@ -7,7 +7,7 @@
 
 #include "requests/close.h"
 #include "requests/describe.h"
-#include "requests/live.h"
+#include "requests/listeners.h"
 #include "requests/presence.h"
 #include "requests/updates.h"
 
@@ -52,8 +52,8 @@ void skd_handle_session_attach(struct skd_call *call)
     struct skd_error error;
     if (live == NULL)
         return;
-    bool is_new = skd_live_listener(live, call->connection_id) == NULL;
-    if (skd_live_attach(live, call->connection_id, &listener, &error) != SKD_OK) {
+    bool is_new = skd_listener_find(live, call->connection_id) == NULL;
+    if (skd_listener_attach(live, call->connection_id, &listener, &error) != SKD_OK) {
         skd_call_fail(call, &error);
         return;
     }
@@ -77,7 +77,7 @@ void skd_handle_session_detach(struct skd_call *call)
     struct skd_live *live = skd_call_find_session(call, call->request.params.session.session);
     if (live == NULL)
         return;
-    if (skd_live_detach(live, call->connection_id))
+    if (skd_listener_detach(live, call->connection_id))
         skd_presence_changed(call->daemon, live);
     skd_call_answer(call, cJSON_CreateObject());
 }

@@ -14,6 +14,8 @@
 #include "requests/state_folder.h"
 #include "session/session.h"
 
+#include <stdatomic.h>
+
 struct skd_call;
 struct skd_claim;
 
@@ -71,6 +73,45 @@ struct skd_live {
     uint64_t presence_due;  /* up to which of them listeners are to be told now */
     uint64_t claim_changes; /* counted */
     size_t claim_bytes;     /* that all claims take */
+};
+
+/* What a worker made for the answer: the body and the arrays that go with it. */
+struct skd_reply {
+    cJSON *body;
+    struct skd_array_out arrays[SKD_ARRAYS_MAX];
+    int array_count;
+    void (*release)(void *owner); /* of the arrays' memory, may be NULL */
+    void *owner;
+};
+
+struct skd_call {
+    struct skd_daemon *daemon;
+    struct skd_call *prev, *next;           /* in daemon->calls */
+    struct skd_call *turn_prev, *turn_next; /* in live->waiting */
+    bool queued;                            /* it is there */
+    struct skd_live *live;                  /* whose turn it waits for or has, or NULL */
+    uint64_t connection_id;
+    enum skd_wire_mode mode;
+    char client[SKD_CLIENT_NAME_BYTES_MAX + 1];
+    char client_id[SKD_CLIENT_ID_BYTES_MAX + 1];
+    struct skd_request request;
+    uint64_t arrived_ns;
+    atomic_bool cancelled; /* set by the loop, looked at by whoever can still stop */
+    enum skd_status why;   /* of the cancelling: SKD_CANCELLED, SKD_SHUTTING_DOWN, SKD_NO_SESSION */
+    void (*begin)(struct skd_call *call);
+    /* One piece of work at a time. */
+    uv_work_t work;
+    enum skd_status (*run)(struct skd_call *call, struct skd_error *error);
+    void (*apply)(struct skd_call *call); /* NULL, or what changes the session: cannot fail */
+    void (*done)(struct skd_call *call);
+    enum skd_status status;
+    struct skd_error error;
+    struct skd_reply reply;
+    struct skd_encoded encoded; /* the reply as bytes */
+    char *answer;      /* the reply's body as text, where it is to be remembered (a sequence) */
+    uint64_t revision; /* that it made; or that it read, and that is not durable yet */
+    void *state;       /* a handler's own */
+    void (*dismiss)(struct skd_call *call); /* frees the state, however the call ends; or NULL */
 };
 
 struct skd_stats {

@@ -3,6 +3,7 @@
 
 #include "base/log.h"
 #include "protocol/json_memory.h"
+#include "requests/listeners.h"
 #include "requests/live.h"
 #include "requests/merging.h"
 #include "requests/presence.h"
@@ -329,7 +330,7 @@ static void settle(struct skd_live *live)
         const struct skd_change *change = skd_changes_find(&live->changes, revision);
         if (change == NULL || change->knower == 0)
             continue;
-        listener = skd_live_listener(live, change->knower);
+        listener = skd_listener_find(live, change->knower);
         if (listener != NULL && listener->told + 1 == revision)
             listener->told = revision;
     }
@@ -360,7 +361,7 @@ void skd_updates_drained(struct skd_daemon *daemon, const struct skd_connection 
     HASH_ITER(hh, daemon->sessions, live, next)
     {
         struct skd_listener_of_session *listener;
-        listener = skd_live_listener(live, connection->id);
+        listener = skd_listener_find(live, connection->id);
         if (listener == NULL || !is_ready(daemon, listener))
             continue;
         if (listener->told < live->durable_revision)
