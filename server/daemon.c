@@ -88,7 +88,7 @@ static void on_stalled(void *user, struct skd_connection *connection)
                    "you read nothing for %llu s; connect again to get what you missed",
                    (unsigned long long)(server->door.net.stall_ms / 1000));
     skd_log(SKD_LOG_WARNING, "connection %llu (%s) is dropped: it reads nothing",
-            (unsigned long long)connection->id, connection->client);
+            (unsigned long long)connection->id, connection->author.client);
     say_bye(connection, reason);
 }
 

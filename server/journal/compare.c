@@ -62,13 +62,19 @@ static bool are_same_changes(const struct skd_sheet_change *a, const struct skd_
     return a == NULL && b == NULL;
 }
 
+static bool are_same_authors(const struct skd_author *a, const struct skd_author *b)
+{
+    return strcmp(a->client, b->client) == 0 && strcmp(a->user, b->user) == 0 &&
+           strcmp(a->id, b->id) == 0;
+}
+
 static bool are_same_steps(const struct skd_step *a, const struct skd_step *b, size_t bones)
 {
     size_t slots = (size_t)a->slot_count;
     size_t weights = a->count * slots * sizeof(float), joints = a->count * slots * sizeof(uint16_t);
     size_t rest = a->count * 3 * sizeof(float);
-    return a->count == b->count && a->cause == b->cause && strcmp(a->client, b->client) == 0 &&
-           strcmp(a->client_id, b->client_id) == 0 &&
+    return a->count == b->count && a->cause == b->cause &&
+           are_same_authors(&a->author, &b->author) &&
            are_same(a->vertices, b->vertices, a->count * sizeof *a->vertices) &&
            are_same(a->before, b->before, weights) && are_same(a->after, b->after, weights) &&
            are_same(a->joints_before, b->joints_before, joints) &&

@@ -19,9 +19,10 @@
     X(named, "CREATE TABLE named(place INTEGER PRIMARY KEY, pose INTEGER, sum INTEGER)")           \
     X(base_sheets, "CREATE TABLE base_sheets(id INTEGER PRIMARY KEY, kind INTEGER, pose INTEGER, " \
                    "count INTEGER, sum INTEGER)")                                                  \
-    X(steps, "CREATE TABLE steps(id INTEGER PRIMARY KEY, cause INTEGER, client TEXT, "             \
-             "client_id TEXT, count INTEGER, sheets INTEGER, vertices BLOB, weights BLOB, "        \
-             "joints BLOB, rest BLOB, sum INTEGER)")                                               \
+    X(steps,                                                                                       \
+      "CREATE TABLE steps(id INTEGER PRIMARY KEY, cause INTEGER, client TEXT, "                    \
+      "user TEXT, client_id TEXT, count INTEGER, sheets INTEGER, vertices BLOB, weights BLOB, "    \
+      "joints BLOB, rest BLOB, sum INTEGER)")                                                      \
     X(step_sheets, "CREATE TABLE step_sheets(id INTEGER PRIMARY KEY, kind INTEGER, pose INTEGER, " \
                    "count INTEGER, vertices BLOB, rows BLOB)")                                     \
     X(history, "CREATE TABLE history(place INTEGER PRIMARY KEY, step INTEGER, revision INTEGER, "  \

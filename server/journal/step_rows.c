@@ -20,7 +20,9 @@ static uint64_t sheet_id(uint64_t step, size_t place)
 static uint64_t step_sum(const struct skd_step *step, size_t sheet_count)
 {
     size_t slots = (size_t)step->slot_count;
-    uint64_t sum = skd_sum_text(skd_sum_text(step->cause, step->client), step->client_id);
+    const struct skd_author *author = &step->author;
+    uint64_t sum = skd_sum_text(skd_sum_text(step->cause, author->client), author->user);
+    sum = skd_sum_text(sum, author->id);
     sum = skd_sum_number(skd_sum_number(sum, step->count), sheet_count);
     sum = skd_sum_number(sum, (step->joints_after != NULL ? 1u : 0u) +
                                   (step->rest_after != NULL ? 2u : 0u));
@@ -84,16 +86,17 @@ static enum skd_status write_step(struct skd_store *store, uint64_t id, const st
     sqlite3_stmt *row = skd_store_statement(store, SKD_SQL_STEP_WRITE);
     int bound = skd_bind_number(row, 1, id);
     bound |= skd_bind_number(row, 2, step->cause);
-    bound |= skd_bind_text(row, 3, step->client);
-    bound |= skd_bind_text(row, 4, step->client_id);
-    bound |= skd_bind_number(row, 5, step->count);
-    bound |= skd_bind_number(row, 6, sheet_count);
-    bound |= skd_bind_array(row, 7, step->vertices, step->count * sizeof *step->vertices);
-    bound |= skd_bind_array(row, 8, step->after, step->count * row_bytes);
-    bound |= bind_optional(row, 9, step->joints_after,
+    bound |= skd_bind_text(row, 3, step->author.client);
+    bound |= skd_bind_text(row, 4, step->author.user);
+    bound |= skd_bind_text(row, 5, step->author.id);
+    bound |= skd_bind_number(row, 6, step->count);
+    bound |= skd_bind_number(row, 7, sheet_count);
+    bound |= skd_bind_array(row, 8, step->vertices, step->count * sizeof *step->vertices);
+    bound |= skd_bind_array(row, 9, step->after, step->count * row_bytes);
+    bound |= bind_optional(row, 10, step->joints_after,
                            step->count * (size_t)step->slot_count * sizeof(uint16_t));
-    bound |= bind_optional(row, 10, step->rest_after, step->count * 3 * sizeof(float));
-    bound |= skd_bind_number(row, 11, sum);
+    bound |= bind_optional(row, 11, step->rest_after, step->count * 3 * sizeof(float));
+    bound |= skd_bind_number(row, 12, sum);
     return skd_store_run(store, row, bound, error);
 }
 
@@ -162,16 +165,16 @@ static bool look_at(sqlite3_stmt *row, const struct skd_session *session, size_t
 {
     size_t slots = (size_t)session->slot_count;
     uint64_t vertices, sheets;
-    if (!skd_column_number(row, 3, session->rig->mesh.vertex_count, &vertices) ||
-        !skd_column_number(row, 4, SKD_STEP_SHEETS_MAX, &sheets))
+    if (!skd_column_number(row, 4, session->rig->mesh.vertex_count, &vertices) ||
+        !skd_column_number(row, 5, SKD_STEP_SHEETS_MAX, &sheets))
         return false;
     *count = (size_t)vertices;
     arrays->sheets = (size_t)sheets;
-    return skd_column_blob(row, 5, *count * sizeof(uint32_t), &arrays->vertices) &&
-           skd_column_blob(row, 6, *count * slots * sizeof(float), &arrays->weights) &&
-           (!has(row, 7) ||
-            skd_column_blob(row, 7, *count * slots * sizeof(uint16_t), &arrays->joints)) &&
-           (!has(row, 8) || skd_column_blob(row, 8, *count * 3 * sizeof(float), &arrays->rest));
+    return skd_column_blob(row, 6, *count * sizeof(uint32_t), &arrays->vertices) &&
+           skd_column_blob(row, 7, *count * slots * sizeof(float), &arrays->weights) &&
+           (!has(row, 8) ||
+            skd_column_blob(row, 8, *count * slots * sizeof(uint16_t), &arrays->joints)) &&
+           (!has(row, 9) || skd_column_blob(row, 9, *count * 3 * sizeof(float), &arrays->rest));
 }
 
 static enum skd_status copy_arrays(const struct arrays *arrays, sqlite3_stmt *row,
@@ -179,9 +182,9 @@ static enum skd_status copy_arrays(const struct arrays *arrays, sqlite3_stmt *ro
 {
     size_t count = step->count, slots = (size_t)step->slot_count;
     enum skd_status status;
-    if (has(row, 7) && (status = skd_step_add_joints(step, error)) != SKD_OK)
+    if (has(row, 8) && (status = skd_step_add_joints(step, error)) != SKD_OK)
         return status;
-    if (has(row, 8) && (status = skd_step_add_rest(step, error)) != SKD_OK)
+    if (has(row, 9) && (status = skd_step_add_rest(step, error)) != SKD_OK)
         return status;
     if (count == 0)
         return SKD_OK;
@@ -198,21 +201,23 @@ static enum skd_status read_step(struct skd_store *store, sqlite3_stmt *row,
                                  struct skd_session *session, struct skd_step **result,
                                  size_t *sheets, uint64_t *sum, struct skd_error *error)
 {
-    const char *client, *client_id;
+    const char *client, *user, *id;
     uint64_t cause;
     size_t count;
     struct arrays arrays = {0};
     if (!skd_column_number(row, 0, SKD_CAUSE_COUNT - 1, &cause) ||
         !skd_column_text(row, 1, SKD_CLIENT_NAME_BYTES_MAX, &client) ||
-        !skd_column_text(row, 2, SKD_CLIENT_ID_BYTES_MAX, &client_id) ||
-        !look_at(row, session, &count, &arrays) || !skd_column_sum(row, 9, sum))
+        !skd_column_text(row, 2, SKD_USER_BYTES_MAX, &user) ||
+        !skd_column_text(row, 3, SKD_CLIENT_ID_BYTES_MAX, &id) ||
+        !look_at(row, session, &count, &arrays) || !skd_column_sum(row, 10, sum))
         return skd_store_damaged(store, damaged, error);
     struct skd_step *step = *result = skd_step_create(count, session->slot_count);
     if (step == NULL)
         return skd_fail_memory(error, damaged);
     step->cause = (enum skd_cause)cause;
-    memcpy(step->client, client, strlen(client) + 1);
-    memcpy(step->client_id, client_id, strlen(client_id) + 1);
+    memcpy(step->author.client, client, strlen(client) + 1);
+    memcpy(step->author.user, user, strlen(user) + 1);
+    memcpy(step->author.id, id, strlen(id) + 1);
     *sheets = arrays.sheets;
     return copy_arrays(&arrays, row, step, error);
 }

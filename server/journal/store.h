@@ -37,9 +37,10 @@
     X(BASE_SHEET_WRITE, "INSERT INTO base_sheets VALUES(?,?,?,?,?)")                               \
     X(BASE_SHEET_READ, "SELECT kind, pose, count, sum FROM base_sheets WHERE id=?")                \
     X(BASE_SHEETS_READ, "SELECT pose FROM base_sheets")                                            \
-    X(STEP_WRITE, "INSERT INTO steps VALUES(?,?,?,?,?,?,?,?,?,?,?)")                               \
-    X(STEP_READ, "SELECT cause, client, client_id, count, sheets, vertices, weights, joints, "     \
-                 "rest, sum FROM steps WHERE id=?")                                                \
+    X(STEP_WRITE, "INSERT INTO steps VALUES(?,?,?,?,?,?,?,?,?,?,?,?)")                             \
+    X(STEP_READ,                                                                                   \
+      "SELECT cause, client, user, client_id, count, sheets, vertices, weights, joints, "          \
+      "rest, sum FROM steps WHERE id=?")                                                           \
     X(STEP_SUMS_READ, "SELECT id, sum FROM steps ORDER BY id")                                     \
     X(STEP_DELETE, "DELETE FROM steps WHERE id=?")                                                 \
     X(STEP_SHEET_WRITE, "INSERT INTO step_sheets VALUES(?,?,?,?,?,?)")                             \

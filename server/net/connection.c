@@ -38,7 +38,7 @@ static void make_client_id(struct skd_connection *connection)
     uint64_t number;
     ssize_t got = getrandom(&number, sizeof number, 0); /* eight bytes come whole or not at all */
     SKD_ASSERT(got == (ssize_t)sizeof number);
-    (void)snprintf(connection->client_id, sizeof connection->client_id, "c%llu-%016llx",
+    (void)snprintf(connection->author.id, sizeof connection->author.id, "c%llu-%016llx",
                    (unsigned long long)connection->id, (unsigned long long)number);
 }
 

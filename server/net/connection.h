@@ -15,6 +15,7 @@
 #include "base/hash.h"
 #include "net/room.h"
 #include "net/send_queue.h"
+#include "protocol/author.h"
 #include "protocol/frame.h"
 #include "protocol/limits.h"
 
@@ -53,13 +54,11 @@ enum skd_hold {
 
 struct skd_connection {
     uint64_t id;
-    UT_hash_handle hh;                          /* the daemon's table, by id */
-    bool greeted;                               /* hello was answered */
-    char client[SKD_CLIENT_NAME_BYTES_MAX + 1]; /* as hello named it */
+    UT_hash_handle hh;        /* the daemon's table, by id */
+    bool greeted;             /* hello was answered */
+    struct skd_author author; /* as hello named it; its id else from `id` */
     char version[SKD_CLIENT_NAME_BYTES_MAX + 1];
-    char client_id[SKD_CLIENT_ID_BYTES_MAX + 1]; /* what hello said, else made from `id` */
-    char user[SKD_USER_BYTES_MAX + 1];           /* a person; "": not said */
-    const char *token;                           /* that hello has to show; NULL: none */
+    const char *token; /* that hello has to show; NULL: none */
     /* The rest is net/connection.c's. */
     struct skd_net *net;
     union {

@@ -29,8 +29,7 @@ struct skd_call *skd_call_create(struct skd_daemon *daemon, struct skd_connectio
         return NULL;
     call->connection_id = connection->id;
     call->mode = skd_connection_mode(connection);
-    memcpy(call->client, connection->client, sizeof call->client);
-    memcpy(call->client_id, connection->client_id, sizeof call->client_id);
+    call->author = connection->author;
     call->request = *request;
     call->arrived_ns = uv_hrtime();
     if (request->message.id.kind != SKD_ID_NONE)

@@ -3,7 +3,6 @@
 
 #include "requests/state.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 
 static size_t capacity_of(const struct skd_changes *changes)
@@ -74,7 +73,7 @@ static void make_room(struct skd_changes *changes)
     changes->first = 0;
 }
 
-void skd_changes_add(struct skd_live *live, const struct skd_change *change, const char *client)
+void skd_changes_add(struct skd_live *live, const struct skd_change *change)
 {
     struct skd_changes *changes = &live->changes;
     make_room(changes);
@@ -82,7 +81,6 @@ void skd_changes_add(struct skd_live *live, const struct skd_change *change, con
     *added = *change;
     added->shape = change->step->shape != NULL ? change->step->shape->sheet->pose : NULL;
     *added = skd_change_copy(added);
-    (void)snprintf(added->client, sizeof added->client, "%s", client);
     drop_surplus(changes);
 }
 

@@ -20,8 +20,8 @@ struct skd_live;
 
 struct skd_change {
     uint64_t revision;
-    const char *cause;                          /* a static word: "stroke", "set", "undo", ... */
-    char client[SKD_CLIENT_NAME_BYTES_MAX + 1]; /* who asked */
+    const char *cause;        /* a static word: "stroke", "set", "undo", ... */
+    struct skd_author author; /* who asked */
     struct skd_step *step;
     struct skd_pose *shape; /* whose corrective shape the step changes, or NULL */
     bool undo;              /* the step's `before` is what holds at this revision */
@@ -38,10 +38,10 @@ struct skd_changes {
     size_t count;
 };
 
-/* Adds the newest revision: `change` without its client and shape, which are filled in here. The
+/* Adds the newest revision: `change` without its shape, which is filled in here. The
  * step is held. Cannot fail: without memory the ring does not grow, and who is farther behind is
  * told to fetch the weights. */
-void skd_changes_add(struct skd_live *live, const struct skd_change *change, const char *client);
+void skd_changes_add(struct skd_live *live, const struct skd_change *change);
 
 /* The change that made a revision, or NULL where the ring does not reach back to it. Borrowed until
  * the next skd_changes_add. */

@@ -49,8 +49,8 @@ bool skd_claims_tell(struct skd_daemon *daemon, const struct skd_live *live,
     cJSON *body = cJSON_CreateObject();
     cJSON_AddStringToObject(body, "session", live->name);
     cJSON_AddNumberToObject(body, "connection", (double)other->connection_id);
-    cJSON_AddStringToObject(body, "client", whose != NULL ? whose->client : "");
-    cJSON_AddStringToObject(body, "user", whose != NULL ? whose->user : "");
+    cJSON_AddStringToObject(body, "client", whose != NULL ? whose->author.client : "");
+    cJSON_AddStringToObject(body, "user", whose != NULL ? whose->author.user : "");
     skd_claim_add_bones(body, live, claim);
     if (skd_encode_notification(skd_connection_mode(to), "session.claims", body, &array, told,
                                 &encoded, &error) != SKD_OK)
@@ -72,7 +72,7 @@ struct skd_claims_seen {
     size_t count;
     struct seen_claim {
         struct skd_claim *claim; /* held */
-        char who[2 * SKD_CLIENT_NAME_BYTES_MAX + 8];
+        char who[SKD_AUTHOR_TEXT_BYTES];
     } items[];
 };
 
@@ -80,16 +80,7 @@ struct skd_claims_seen {
 static bool is_other(const struct skd_call *call, const struct skd_connection *connection)
 {
     return connection != NULL && connection->id != call->connection_id &&
-           strcmp(connection->client_id, call->client_id) != 0;
-}
-
-static void name_tool(const struct skd_connection *connection, char *who, size_t bytes)
-{
-    const char *client = connection->client[0] != '\0' ? connection->client : "another tool";
-    if (connection->user[0] != '\0')
-        (void)snprintf(who, bytes, "%s (%s)", connection->user, client);
-    else
-        (void)snprintf(who, bytes, "%s", client);
+           strcmp(connection->author.id, call->author.id) != 0;
 }
 
 struct skd_claims_seen *skd_claims_look(const struct skd_call *call)
@@ -111,7 +102,7 @@ struct skd_claims_seen *skd_claims_look(const struct skd_call *call)
             continue;
         struct seen_claim *item = &seen->items[seen->count++];
         item->claim = skd_claim_hold(listener->claim);
-        name_tool(connection, item->who, sizeof item->who);
+        (void)skd_author_text(&connection->author, item->who);
     }
     return seen;
 }

@@ -24,8 +24,7 @@ static size_t record_in_history(struct skd_call *call, const struct skd_commit *
     struct skd_step *step = commit->step;
     step->cause = commit->cause;
     step->revision = call->live->session->revision + 1;
-    memcpy(step->client, call->client, sizeof step->client);
-    memcpy(step->client_id, call->client_id, sizeof step->client_id);
+    step->author = call->author;
     return skd_history_push(history, step);
 }
 
@@ -33,7 +32,7 @@ static size_t record_in_history(struct skd_call *call, const struct skd_commit *
 static struct skd_record *with_answer(const struct skd_call *call, struct skd_record *record)
 {
     if (record == NULL || call->answer == NULL ||
-        skd_record_remember(record, call->client_id, call->request.sequence, call->answer))
+        skd_record_remember(record, call->author.id, call->request.sequence, call->answer))
         return record;
     skd_record_destroy(record);
     return NULL;
@@ -92,8 +91,9 @@ static void note_change(struct skd_call *call, const struct skd_commit *commit)
         .step = commit->step,
         .undo = commit->kind == SKD_COMMIT_UNDO,
         .knower = commit->sender_knows ? call->connection_id : 0,
+        .author = call->author,
     };
-    skd_changes_add(call->live, &change, call->client);
+    skd_changes_add(call->live, &change);
 }
 
 void skd_commit(struct skd_call *call, const struct skd_commit *commit)

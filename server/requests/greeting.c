@@ -79,13 +79,13 @@ void skd_handle_hello(struct skd_call *call)
     }
     if (connection != NULL) {
         skd_connection_greet(connection);
-        (void)snprintf(connection->client, sizeof connection->client, "%s", params->client_name);
+        struct skd_author *author = &connection->author;
+        (void)snprintf(author->client, sizeof author->client, "%s", params->client_name);
+        (void)snprintf(author->user, sizeof author->user, "%s", params->client_user);
+        if (params->client_id != NULL)
+            (void)snprintf(author->id, sizeof author->id, "%s", params->client_id);
         (void)snprintf(connection->version, sizeof connection->version, "%s",
                        params->client_version);
-        (void)snprintf(connection->user, sizeof connection->user, "%s", params->client_user);
-        if (params->client_id != NULL)
-            (void)snprintf(connection->client_id, sizeof connection->client_id, "%s",
-                           params->client_id);
     }
     cJSON *result = cJSON_CreateObject();
     cJSON_AddNumberToObject(result, "protocol", SKD_PROTOCOL_MAX);
@@ -152,7 +152,7 @@ void skd_handle_shutdown(struct skd_call *call)
 {
     struct skd_daemon *daemon = call->daemon;
     skd_log(SKD_LOG_INFO, "%s asks for a shutdown",
-            call->client[0] != '\0' ? call->client : "a client");
+            call->author.client[0] != '\0' ? call->author.client : "a client");
     skd_call_answer(call, cJSON_CreateObject());
     daemon->stop(daemon, "a client asked for a shutdown");
 }

@@ -21,7 +21,7 @@ static enum skd_status answer(struct skd_call *call, struct skd_error *error)
     struct turning *turning = call->state;
     const struct skd_session *session = call->live->session;
     const struct skd_history *history = &session->history;
-    const char *own = call->request.params.session.own ? call->client_id : NULL;
+    const char *own = call->request.params.session.own ? call->author.id : NULL;
     enum skd_status status =
         skd_own_step_find(session, turning->undo ? -1 : 1, own, &turning->index, error);
     if (status != SKD_OK)

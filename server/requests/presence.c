@@ -18,8 +18,8 @@ static void add_one(cJSON *list, const struct skd_daemon *daemon, const struct s
         return;
     cJSON *item = cJSON_CreateObject();
     cJSON_AddNumberToObject(item, "connection", (double)connection->id);
-    cJSON_AddStringToObject(item, "client", connection->client);
-    cJSON_AddStringToObject(item, "user", connection->user);
+    cJSON_AddStringToObject(item, "client", connection->author.client);
+    cJSON_AddStringToObject(item, "user", connection->author.user);
     cJSON_AddStringToObject(item, "version", connection->version);
     cJSON_AddNumberToObject(item, "since", (double)listener->since_s);
     cJSON_AddItemToObject(item, "claim", skd_claim_describe(live, listener));

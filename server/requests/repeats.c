@@ -12,7 +12,7 @@ bool skd_repeat_answered(struct skd_call *call)
     if (sequence == 0)
         return false;
     switch (
-        skd_remembered_find(&call->live->session->remembered, call->client_id, sequence, &text)) {
+        skd_remembered_find(&call->live->session->remembered, call->author.id, sequence, &text)) {
     case SKD_SEQUENCE_NEW:
         return false;
     case SKD_SEQUENCE_STALE:
@@ -37,7 +37,7 @@ void skd_repeats_remember(struct skd_call *call)
 {
     struct skd_error error;
     if (call->answer != NULL &&
-        skd_remembered_add(&call->live->session->remembered, call->client_id,
+        skd_remembered_add(&call->live->session->remembered, call->author.id,
                            call->request.sequence, call->revision, call->answer, &error) != SKD_OK)
         skd_log(SKD_LOG_WARNING, "session \"%s\": %s", call->live->name, error.text);
 }

@@ -92,8 +92,7 @@ struct skd_call {
     struct skd_live *live;                  /* whose turn it waits for or has, or NULL */
     uint64_t connection_id;
     enum skd_wire_mode mode;
-    char client[SKD_CLIENT_NAME_BYTES_MAX + 1];
-    char client_id[SKD_CLIENT_ID_BYTES_MAX + 1];
+    struct skd_author author;
     struct skd_request request;
     uint64_t arrived_ns;
     atomic_bool cancelled; /* set by the loop, looked at by whoever can still stop */

@@ -99,7 +99,8 @@ static void add_changes(cJSON *body, const struct update *update)
         cJSON *item = cJSON_CreateObject();
         cJSON_AddNumberToObject(item, "revision", (double)change->revision);
         cJSON_AddStringToObject(item, "cause", change->cause);
-        cJSON_AddStringToObject(item, "client", change->client);
+        cJSON_AddStringToObject(item, "client", change->author.client);
+        cJSON_AddStringToObject(item, "user", change->author.user);
         cJSON_AddItemToArray(list, item);
     }
 }
@@ -114,7 +115,8 @@ static cJSON *describe(const struct update *update)
     cJSON_AddNumberToObject(body, "since", (double)update->since);
     cJSON_AddNumberToObject(body, "revision", (double)update->revision);
     cJSON_AddStringToObject(body, "cause", last->cause);
-    cJSON_AddStringToObject(body, "client", last->client);
+    cJSON_AddStringToObject(body, "client", last->author.client);
+    cJSON_AddStringToObject(body, "user", last->author.user);
     cJSON_AddNumberToObject(body, "influences", last->step->slot_count);
     if (update->change_count > 1)
         add_changes(body, update);

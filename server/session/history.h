@@ -12,6 +12,7 @@
 #ifndef SKD_SESSION_HISTORY_H
 #define SKD_SESSION_HISTORY_H
 
+#include "protocol/author.h"
 #include "session/sheet.h"
 
 #include <stddef.h>
@@ -42,8 +43,7 @@ const char *skd_cause_word(enum skd_cause cause);
 struct skd_step {
     int references;
     enum skd_cause cause;
-    char client[SKD_CLIENT_NAME_BYTES_MAX + 1];  /* who made it, as people call it */
-    char client_id[SKD_CLIENT_ID_BYTES_MAX + 1]; /* and as it is told from its like */
+    struct skd_author author; /* who made it */
     uint64_t revision; /* that it made; 0: with it on top the session was in no state ever told */
     size_t count;      /* vertices */
     int slot_count;

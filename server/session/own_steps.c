@@ -48,6 +48,7 @@ static enum skd_status check_way(const struct skd_session *session, int directio
     const struct skd_history *history = &session->history;
     uint8_t *touched = calloc(skd_bits_bytes(session->rig->mesh.vertex_count), 1);
     enum skd_status status = SKD_OK;
+    char who[SKD_AUTHOR_TEXT_BYTES];
     if (touched == NULL)
         return skd_fail_memory(error, "looking at later steps");
     mark_step(touched, history->steps[index]);
@@ -57,8 +58,8 @@ static enum skd_status check_way(const struct skd_session *session, int directio
         const struct skd_step *other = history->steps[i];
         if (step_meets(touched, other))
             status = skd_fail(error, SKD_CONFLICT,
-                              "a %s of \"%s\" touches the same vertices and was %s after yours",
-                              skd_cause_word(other->cause), other->client,
+                              "a %s by %s touches the same vertices and was %s after yours",
+                              skd_cause_word(other->cause), skd_author_text(&other->author, who),
                               direction < 0 ? "done" : "undone");
     }
     free(touched);
@@ -67,7 +68,7 @@ static enum skd_status check_way(const struct skd_session *session, int directio
 
 static bool is_own(const struct skd_step *step, const char *client_id)
 {
-    return client_id == NULL || strcmp(step->client_id, client_id) == 0;
+    return client_id == NULL || strcmp(step->author.id, client_id) == 0;
 }
 
 enum skd_status skd_own_step_find(const struct skd_session *session, int direction,

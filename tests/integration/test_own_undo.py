@@ -159,7 +159,7 @@ class Storm:
             told = self.links[tool].call(method, {"session": "sheet", "own": own})
         except SkindError as error:
             assert error.name == expected, error
-            assert not blocking or any(f"\"{other}'s tool\"" in str(error) for other in blocking)
+            assert not blocking or any(f"by {other}'s tool" in str(error) for other in blocking)
             self.refused += error.name == "conflict"
             return
         assert expected == "", f"{method} of {tool} should have been refused: {expected}"
@@ -228,14 +228,14 @@ def test_a_later_step_of_another_is_in_the_way(daemon) -> None:
     before = rows(ann)
     error = refusal(ann, "history.undo", own=True)
     assert error.name == "conflict"
-    assert "\"bob's tool\"" in str(error) and "stroke" in str(error) and "done" in str(error)
+    assert "by bob's tool" in str(error) and "stroke" in str(error) and "done" in str(error)
     assert np.array_equal(rows(ann), before)
     assert ann.call("session.info", {"session": "sheet"})["revision"] == 2
     bob.call("history.undo", {"session": "sheet", "own": True})
     ann.call("history.undo", {"session": "sheet", "own": True})
     # Now the other way: what bob did was on top of it.
     error = refusal(bob, "history.redo", own=True)
-    assert error.name == "conflict" and "\"ann's tool\"" in str(error) and "undone" in str(error)
+    assert error.name == "conflict" and "by ann's tool" in str(error) and "undone" in str(error)
     assert refusal(links["cat"], "history.redo", own=True).name == "nothing_to_redo"
     assert refusal(links["cat"], "history.undo", own=True).name == "nothing_to_undo"
     ann.call("history.redo", {"session": "sheet", "own": True})

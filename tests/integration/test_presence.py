@@ -96,6 +96,26 @@ def test_claims_are_told_and_let_go(sheet, lines) -> None:
         assert told["bones"] == [] and len(told["vertices"]) == 0
 
 
+def test_two_of_a_kind_are_told_apart_by_who_sits_at_them(start) -> None:
+    """In what is told of a change, and in what stands in the way of undo; also after a restart."""
+    daemon = start()
+    rows = {**WHO, "vertices": np.arange(3, dtype=np.uint32)}
+    with connect(daemon, "Blender", "Anna", id="b-1") as anna, \
+            connect(daemon, "Blender", "Ben", id="b-2") as ben:
+        anna.call("session.create", {"name": "sheet", **rigs.sheet(400)})
+        held = anna.call("weights.get", rows)["weights"]
+        for link in (anna, ben):
+            link.call("session.attach", WHO)
+        anna.call("weights.set", {**rows, "weights": held[::-1].copy()})
+        assert take(ben, "session.update")["user"] == "Anna"
+        ben.call("weights.set", {**rows, "weights": held})
+        assert take(anna, "session.update")["user"] == "Ben"
+    daemon.stop()
+    with connect(start(), "Blender", "Anna", id="b-1") as anna:
+        with pytest.raises(SkindError, match=r"by Ben \(Blender\) touches the same vertices"):
+            anna.call("history.undo", {**WHO, "own": True})
+
+
 def test_who_comes_later_sees_the_claims_there_are(sheet) -> None:
     with connect(sheet, "a", "Anna") as anna, connect(sheet, "b", "Ben") as ben:
         for link, bone in ((anna, "bone.1"), (ben, "bone.2")):

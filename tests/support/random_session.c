@@ -202,8 +202,11 @@ struct skd_step *random_step(struct skd_session *session, struct random *random,
     if ((changes & RANDOM_SHAPE) != 0 && step->count > 0)
         step->shape = change_rows(session, &session->shapes, random, vertices, count);
     step->cause = (enum skd_cause)random_below(random, SKD_CAUSE_COUNT);
-    (void)snprintf(step->client, sizeof step->client, "tool %u", (unsigned)random_below(random, 3));
-    (void)snprintf(step->client_id, sizeof step->client_id, "c%u",
+    (void)snprintf(step->author.client, sizeof step->author.client, "tool %u",
+                   (unsigned)random_below(random, 3));
+    (void)snprintf(step->author.user, sizeof step->author.user, "person %u",
+                   (unsigned)random_below(random, 3));
+    (void)snprintf(step->author.id, sizeof step->author.id, "c%u",
                    (unsigned)random_below(random, 3));
     free(vertices);
     return step;

@@ -29,7 +29,7 @@ static void add(struct skd_live *live, uint64_t revision, size_t vertices, bool 
     assert_non_null(step);
     step->in_history = in_history;
     const struct skd_change change = {.revision = revision, .cause = "stroke", .step = step};
-    skd_changes_add(live, &change, "somebody");
+    skd_changes_add(live, &change);
     skd_step_release(step);
 }
 
@@ -47,7 +47,7 @@ static void test_it_holds_the_last_1024(void **state)
         assert_null(skd_changes_find(&live->changes, revision + 1));
         assert_int_equal(skd_changes_nearest(&live->changes, 1)->revision, oldest);
     }
-    assert_string_equal(skd_changes_find(&live->changes, 3000)->client, "somebody");
+    assert_string_equal(skd_changes_find(&live->changes, 3000)->author.client, "somebody");
     destroy(live);
 }
 

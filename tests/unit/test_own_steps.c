@@ -106,8 +106,8 @@ static void make_step(struct shop *shop, size_t tool)
     unsigned change = changes[random_below(&shop->random, sizeof changes / sizeof *changes)];
     struct skd_step *step =
         random_step(session, &shop->random, 1 + random_below(&shop->random, 6), change);
-    (void)snprintf(step->client, sizeof step->client, "%s's", tool_name(tool));
-    (void)snprintf(step->client_id, sizeof step->client_id, "%s", tool_name(tool));
+    (void)snprintf(step->author.client, sizeof step->author.client, "%s's", tool_name(tool));
+    (void)snprintf(step->author.id, sizeof step->author.id, "%s", tool_name(tool));
     bool *touched = shop->touched[shop->made_count];
     for (size_t i = 0; i < step->count; i++)
         touched[step->vertices[i]] = true;
@@ -139,7 +139,7 @@ static enum skd_status expect(const struct shop *shop, int direction, const char
     size_t end = direction < 0 ? history->position : history->count;
     bool found = false;
     for (size_t i = first; i < end; i++) {
-        if (strcmp(history->steps[i]->client_id, tool) == 0 && (direction < 0 || !found)) {
+        if (strcmp(history->steps[i]->author.id, tool) == 0 && (direction < 0 || !found)) {
             *index = i;
             found = true;
         }
