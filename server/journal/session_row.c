@@ -103,7 +103,6 @@ static bool is_instance(const char *text)
 enum skd_status skd_session_row_read(struct skd_store *store, struct skd_session_row *out,
                                      struct skd_error *error)
 {
-    uint64_t sum;
     bool has_row;
     sqlite3_stmt *row = skd_store_statement(store, SKD_SQL_SESSION_READ);
     *out = (struct skd_session_row){0};
@@ -119,9 +118,8 @@ enum skd_status skd_session_row_read(struct skd_store *store, struct skd_session
         !skd_column_number(row, 6, SKD_PART_REST | SKD_PART_START_JOINTS, &out->parts) ||
         !skd_column_number(row, 7, 2 * SKD_TARGET_POSES_MAX, &out->sheets) ||
         !skd_column_sum(row, 8, &out->revision) || !take_report(row, out) ||
-        !skd_column_sum(row, 16, &sum) || session_sum(out) != sum)
+        !skd_column_sum(row, 16, &out->sum) || session_sum(out) != out->sum)
         status = skd_store_damaged(store, "what the session is", error);
-    out->sum = sum;
     (void)sqlite3_reset(row);
     return status;
 }

@@ -254,7 +254,7 @@ static enum skd_status put(struct skd_writing *writing, const struct skd_record 
     case SKD_RECORD_END:
         break;
     }
-    SKD_ASSERT(!"a record of the journal's own is never put");
+    SKD_ASSERT(false); /* a record of the journal's own is never put */
     return SKD_INTERNAL;
 }
 

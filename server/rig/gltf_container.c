@@ -243,9 +243,10 @@ static enum skd_status prepare_externals(struct skd_gltf_source *source, size_t 
 static enum skd_status read_buffers(struct skd_gltf_container *container,
                                     struct skd_gltf_source *source, struct skd_error *error)
 {
+    static const char none[] = "[]";
     struct skd_json list;
     if (!skd_json_member(container->json, "buffers", &list))
-        list = (struct skd_json){"[]", "[]" + 2};
+        list = (struct skd_json){none, none + strlen(none)};
     const size_t count = skd_json_count(list);
     enum skd_status status = prepare_externals(source, count, error);
     if (status != SKD_OK)

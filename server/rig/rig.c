@@ -31,7 +31,7 @@ void skd_note_text(enum skd_note note, size_t count, char *text, size_t text_byt
     case SKD_NOTE_COUNT:
         break;
     }
-    SKD_ASSERT(!"a note of skd_note");
+    SKD_ASSERT(false); /* a note of skd_note */
 }
 
 static void finish_skeleton(struct skd_skeleton *skeleton)

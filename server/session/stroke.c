@@ -26,5 +26,5 @@ void skd_stroke_warning_text(enum skd_stroke_warning warning, size_t count, char
     case SKD_WARNING_COUNT:
         break;
     }
-    SKD_ASSERT(!"a warning of skd_stroke_warning");
+    SKD_ASSERT(false); /* a warning of skd_stroke_warning */
 }
