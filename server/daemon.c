@@ -12,6 +12,8 @@
 #include "requests/live.h"
 #include "requests/memory.h"
 #include "requests/presence.h"
+#include "requests/recovering.h"
+#include "requests/rewriting.h"
 #include "requests/updates.h"
 
 #include <signal.h>
@@ -270,9 +272,11 @@ enum skd_status skd_daemon_run(const struct skd_daemon_options *options, struct 
     status = skd_door_open(&server.door, &server.daemon, path, options->tcp_port, error);
     if (status == SKD_OK) {
         status = skd_keeping_start(&server.daemon, state, error);
-        if (status == SKD_OK)
+        if (status == SKD_OK) {
+            skd_rewriting_watch(&server.daemon);
+            skd_recover_sessions(&server.daemon);
             serve(&server);
-        else
+        } else
             skd_door_close(&server.door);
     }
     uv_run(&server.loop, UV_RUN_DEFAULT); /* the last close callbacks */

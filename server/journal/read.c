@@ -192,6 +192,7 @@ static enum skd_status read_history(struct reading *reading, struct skd_error *e
         return status;
     if (!reading->has_state)
         return SKD_OK; /* and its settings are the defaults */
+    memcpy(reading->report->instance, state->instance, sizeof state->instance);
     session->durability = (enum skd_durability)state->durability;
     session->history.bytes_max = (size_t)state->history_bytes;
     /* What was told and not written is lost with the process that told it. */

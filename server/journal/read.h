@@ -14,6 +14,7 @@
 
 struct skd_journal_report {
     uint64_t revision;
+    char instance[SKD_INSTANCE_BYTES + 1]; /* that the file was written for; "" where not known */
     size_t steps;   /* in the file, those that can no longer be undone too */
     uint64_t bytes; /* of the file and its log */
     bool cut;       /* something was lost */

@@ -161,8 +161,8 @@ static void add_damaged(cJSON *list, const struct skd_state_file *file)
     char text[SKD_ERROR_TEXT_BYTES];
     cJSON *item = cJSON_CreateObject();
     (void)snprintf(text, sizeof text,
-                   "the file of session \"%s\" as it was found damaged; what was whole of it is in "
-                   "use",
+                   "the file of session \"%s\" as it was found damaged; what was whole of it, if "
+                   "anything, is in use",
                    file->session);
     cJSON_AddStringToObject(item, "file", file->name);
     cJSON_AddStringToObject(item, "text", text);
@@ -183,8 +183,13 @@ static void add_part(const char *folder, enum skd_state_part part, cJSON *list,
     free(files.items);
 }
 
-void skd_describe_folder(const char *folder, cJSON *object)
+void skd_describe_folder(const struct skd_keeping *keeping, cJSON *object)
 {
-    add_part(folder, SKD_STATE_CLOSED, cJSON_AddArrayToObject(object, "closed"), add_closed);
-    add_part(folder, SKD_STATE_DAMAGED, cJSON_AddArrayToObject(object, "damaged"), add_damaged);
+    cJSON *closed = cJSON_AddArrayToObject(object, "closed");
+    cJSON *damaged = cJSON_AddArrayToObject(object, "damaged");
+    const cJSON *file;
+    add_part(keeping->folder, SKD_STATE_CLOSED, closed, add_closed);
+    cJSON_ArrayForEach(file, keeping->unopened)
+        cJSON_AddItemToArray(damaged, cJSON_Duplicate(file, true));
+    add_part(keeping->folder, SKD_STATE_DAMAGED, damaged, add_damaged);
 }

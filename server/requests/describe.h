@@ -11,7 +11,7 @@ cJSON *skd_describe_briefly(const struct skd_live *live);
 cJSON *skd_describe_wholly(const struct skd_daemon *daemon, const struct skd_live *live);
 
 /* Adds what lies in the state folder beside the open sessions: `closed` and `damaged`. */
-void skd_describe_folder(const char *folder, cJSON *object);
+void skd_describe_folder(const struct skd_keeping *keeping, cJSON *object);
 
 /* The answer to session.create. */
 cJSON *skd_describe_created(const struct skd_session *session);

@@ -6,18 +6,15 @@
 #include "journal/whole.h"
 #include "requests/broadcast.h"
 #include "requests/live.h"
-#include "requests/recovering.h"
-#include "requests/rewriting.h"
+#include "requests/named_poses.h"
 #include "requests/state_folder.h"
 
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
-/* How long a suspended session waits for the next try: twice as long each time. */
-enum { RETRY_MS_FIRST = 1000, RETRY_MS_MOST = 30000 };
-
-static void on_retry(uv_timer_t *timer);
+/* How long a suspended session waits for the first try to write it anew. */
+enum { RETRY_MS = 1000 };
 
 /* A file could not be written: its session goes on in memory until it can be written anew. */
 static void on_suspended(void *user, void *owner, const char *reason)
@@ -38,8 +35,8 @@ void skd_keeping_suspend(struct skd_daemon *daemon, struct skd_live *live, const
      * one that the next start would find there. */
     live->renews = true;
     if (!uv_is_active((uv_handle_t *)&keeping->retry)) {
-        keeping->retry_ms = RETRY_MS_FIRST;
-        uv_timer_start(&keeping->retry, on_retry, keeping->retry_ms, 0);
+        uv_timer_set_repeat(&keeping->retry, RETRY_MS);
+        uv_timer_again(&keeping->retry);
     }
     cJSON *body = cJSON_CreateObject();
     cJSON_AddStringToObject(body, "session", live->name);
@@ -54,26 +51,6 @@ void skd_keeping_resume(struct skd_daemon *daemon, struct skd_live *live)
     cJSON *body = cJSON_CreateObject();
     cJSON_AddStringToObject(body, "session", live->name);
     skd_broadcast(daemon, "journal.resumed", body);
-}
-
-static void on_retry(uv_timer_t *timer)
-{
-    struct skd_daemon *daemon = timer->data;
-    struct skd_keeping *keeping = &daemon->keeping;
-    struct skd_live *live, *next;
-    bool again = false;
-    HASH_ITER(hh, daemon->sessions, live, next)
-    {
-        if (live->suspended) {
-            skd_rewriting_start(daemon, live);
-            again = true;
-        }
-    }
-    if (!again || daemon->stopping)
-        return;
-    keeping->retry_ms =
-        2 * keeping->retry_ms < RETRY_MS_MOST ? 2 * keeping->retry_ms : RETRY_MS_MOST;
-    uv_timer_start(timer, on_retry, keeping->retry_ms, 0);
 }
 
 const char *skd_keeping_word(const struct skd_live *live)
@@ -145,12 +122,11 @@ void skd_keeping_begin(struct skd_daemon *daemon, struct skd_live *live,
 {
     if (live->session->durability == SKD_DURABILITY_OFF)
         return;
-    if (failure != NULL) {
-        skd_keeping_suspend(daemon, live, failure->text);
-        return;
-    }
     memcpy(live->file, file, sizeof live->file);
-    (void)skd_keeping_reopen(daemon, live);
+    if (failure != NULL)
+        skd_keeping_suspend(daemon, live, failure->text);
+    else
+        (void)skd_keeping_reopen(daemon, live);
 }
 
 /* The file is where it is to be. */
@@ -158,12 +134,28 @@ static void ended(void *user)
 {
     struct skd_live *live = user;
     struct skd_daemon *daemon = live->daemon;
-    if (live->end == SKD_KEEPING_CLOSED)
-        skd_state_forget_oldest(daemon->keeping.folder);
+    if (live->end == SKD_KEEPING_CLOSED && live->file[0] != '\0')
+        skd_state_closed(daemon->keeping.folder, live->file);
     if (live->closer != NULL)
         skd_call_answer(live->closer, cJSON_CreateObject());
     live->closer = NULL;
     skd_live_release(live);
+}
+
+/* The daemon stops, and the session could not be written so far: one more try, which nobody has to
+ * wait for any more. What its old file holds stays where that fails. */
+static void write_last(const struct skd_daemon *daemon, const struct skd_live *live)
+{
+    char file[SKD_STATE_FILE_BYTES], old[SKD_STATE_PATH_BYTES];
+    struct skd_error error;
+    if (skd_keeping_write_first(daemon, live->session, file, &error) != SKD_OK)
+        skd_log(SKD_LOG_ERROR,
+                "session \"%s\": what was done since its journal was suspended is "
+                "lost: %s",
+                live->name, error.text);
+    else if (live->file[0] != '\0' && skd_state_path(daemon->keeping.folder, SKD_STATE_OPEN,
+                                                     live->file, old, &error) == SKD_OK)
+        skd_state_remove(old);
 }
 
 void skd_keeping_end(struct skd_daemon *daemon, struct skd_live *live, enum skd_keeping_end end)
@@ -185,10 +177,11 @@ void skd_keeping_end(struct skd_daemon *daemon, struct skd_live *live, enum skd_
         skd_journal_close(journal, end == SKD_KEEPING_STAYS ? NULL : target, ended, live);
         return;
     }
-    /* Suspended: what its file holds is old, but better than nothing for who only closes it. */
     if (end == SKD_KEEPING_REMOVED && live->file[0] != '\0' &&
         skd_state_path(folder, SKD_STATE_OPEN, live->file, path, &error) == SKD_OK)
         skd_state_remove(path);
+    if (end == SKD_KEEPING_STAYS && live->suspended)
+        write_last(daemon, live);
     ended(live);
 }
 
@@ -209,7 +202,6 @@ enum skd_status skd_keeping_start(struct skd_daemon *daemon, const char *folder,
     }
     uv_timer_init(daemon->loop, &keeping->retry);
     keeping->retry.data = daemon;
-    skd_recover_sessions(daemon);
     return SKD_OK;
 }
 
@@ -218,5 +210,6 @@ void skd_keeping_stop(struct skd_daemon *daemon)
     struct skd_keeping *keeping = &daemon->keeping;
     uv_close((uv_handle_t *)&keeping->retry, NULL);
     skd_journal_stop(keeping->journal);
+    cJSON_Delete(keeping->unopened);
     close(keeping->lock);
 }

@@ -14,9 +14,8 @@
 
 #include "requests/call.h"
 
-/* Takes the state folder, starts the journal's writer, and opens every session that is there.
- * Before the loop runs. Errors: SKD_BUSY (another daemon has the folder), SKD_FILE_IO. What is
- * damaged is no error. */
+/* Takes the state folder and starts the journal's writer. Before the loop runs. Errors: SKD_BUSY
+ * (another daemon has the folder), SKD_FILE_IO. */
 SKD_MUST_CHECK enum skd_status skd_keeping_start(struct skd_daemon *daemon, const char *folder,
                                                  struct skd_error *error);
 /* Writes what waits and lets the folder go. After the last session was closed. */
@@ -46,7 +45,8 @@ bool skd_keeping_reopen(struct skd_daemon *daemon, struct skd_live *live);
 const char *skd_keeping_word(const struct skd_live *live);
 
 /* The session is closed: its file stays, goes among the closed ones, or is removed; now, or when it
- * is back from where it is away. */
+ * is back from where it is away. Of a suspended session that is closed the file has to be written
+ * anew before (requests/rewriting.h); when the daemon stops, it is tried here. */
 void skd_keeping_end(struct skd_daemon *daemon, struct skd_live *live, enum skd_keeping_end end);
 
 #endif

@@ -150,6 +150,10 @@ static enum skd_status save(struct skd_call *call, struct skd_error *error)
     struct keeping_call *state = call->state;
     struct skd_session *session = call->live->session;
     struct stat info;
+    if (skd_state_has(call->daemon->keeping.folder, path))
+        return skd_fail(error, SKD_BAD_PARAMS,
+                        "\"%s\" is in the folder where skind keeps its sessions; save it elsewhere",
+                        path);
     enum skd_status status = skd_journal_write(path, session, NULL, state->rewriting.poses.items,
                                                state->rewriting.poses.count, error);
     if (status != SKD_OK)

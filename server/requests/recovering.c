@@ -3,11 +3,14 @@
 
 #include "base/log.h"
 #include "journal/read.h"
+#include "journal/whole.h"
 #include "requests/keeping.h"
 #include "requests/live.h"
+#include "requests/named_poses.h"
 
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 struct recovery {
     const struct skd_daemon *daemon;
@@ -48,24 +51,73 @@ static void read_in_worker(uv_work_t *work)
     memcpy(item->file.name, file, sizeof file);
 }
 
+/* No session was made of it. It stays where it is, unless it was set aside. */
+static void refuse(struct skd_daemon *daemon, const struct recovering *item)
+{
+    skd_log(SKD_LOG_ERROR, "%s is not opened: %s", item->path, item->error.text);
+    if (access(item->path, F_OK) != 0)
+        return;
+    cJSON *told = cJSON_CreateObject();
+    cJSON_AddStringToObject(told, "file", item->file.name);
+    cJSON_AddStringToObject(told, "text", item->error.text);
+    cJSON_AddItemToArray(daemon->keeping.unopened, told);
+}
+
+/* Another file of the same name, before this one in the order of opening, or NULL. */
+static const struct recovering *find_opened(const struct recovering *item)
+{
+    const struct recovering *other = item->recovery->items;
+    for (; other != item; other++) {
+        if (other->session != NULL && strcmp(other->session->name, item->session->name) == 0)
+            return other;
+    }
+    return NULL;
+}
+
+static enum skd_status put_with_closed(struct skd_daemon *daemon, struct recovering *item)
+{
+    char path[SKD_STATE_PATH_BYTES];
+    struct skd_named_poses poses;
+    const char *folder = daemon->keeping.folder;
+    enum skd_status status =
+        skd_state_path(folder, SKD_STATE_CLOSED, item->file.name, path, &item->error);
+    if (status == SKD_OK)
+        status = skd_named_poses_all(item->session, &poses, &item->error);
+    if (status != SKD_OK)
+        return status;
+    status = skd_journal_write(path, item->session, NULL, poses.items, poses.count, &item->error);
+    skd_named_poses_finish(&poses);
+    if (status != SKD_OK)
+        return status;
+    skd_state_remove(item->path);
+    skd_state_closed(folder, item->file.name);
+    skd_log(SKD_LOG_WARNING, "there are two files of session \"%s\": %s went among the closed ones",
+            item->session->name, item->file.name);
+    return SKD_OK;
+}
+
 /* A session that cannot be opened beside those that are. One that was being written anew when the
- * daemon died is there twice, and the older file goes; any other stays where it is. */
+ * daemon died is there twice, and the older file goes, unless the session became another line of
+ * revisions meanwhile. What we did not put here stays. */
 static void leave(struct skd_daemon *daemon, struct recovering *item)
 {
-    struct skd_live *live;
-    HASH_FIND_STR(daemon->sessions, item->session->name, live);
-    if (live != NULL && strcmp(live->session->instance, item->session->instance) == 0)
+    const struct recovering *opened = find_opened(item);
+    bool is_ours = strcmp(item->file.session, item->session->name) == 0;
+    bool is_older =
+        is_ours && opened != NULL && strcmp(opened->report.instance, item->report.instance) == 0;
+    if (is_older)
         skd_state_remove(item->path);
-    else
-        skd_log(SKD_LOG_WARNING, "%s is not opened: %s", item->path, item->error.text);
+    else if (!is_ours || opened == NULL || put_with_closed(daemon, item) != SKD_OK)
+        refuse(daemon, item);
     skd_session_destroy(item->session);
+    item->session = NULL;
 }
 
 static void open_session(struct skd_daemon *daemon, struct recovering *item)
 {
     struct skd_live *live;
     if (item->session == NULL) {
-        skd_log(SKD_LOG_ERROR, "%s is not opened: %s", item->path, item->error.text);
+        refuse(daemon, item);
         return;
     }
     if (item->session->damage[0] != '\0')
@@ -127,6 +179,7 @@ void skd_recover_sessions(struct skd_daemon *daemon)
         int left = uv_loop_close(&recovery.loop);
         SKD_ASSERT(left == 0);
         qsort(recovery.items, recovery.count, sizeof *recovery.items, highest_revision_first);
+        daemon->keeping.unopened = cJSON_CreateArray();
         for (size_t i = 0; i < recovery.count; i++)
             open_session(daemon, &recovery.items[i]);
         free(recovery.items);

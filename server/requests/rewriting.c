@@ -8,6 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* How long a suspended session waits at most from one try to the next; twice as long each time. */
+enum { RETRY_MS_MOST = 30000 };
+
 /* A file may grow by this much before it is looked at. */
 static const uint64_t SLACK_BYTES = (uint64_t)64 << 20;
 
@@ -128,4 +131,33 @@ void skd_rewriting_start(struct skd_daemon *daemon, struct skd_live *live)
     call->state = rewriting;
     call->dismiss = dismiss;
     skd_call_take_turn(call, live, begin);
+}
+
+/* The timer repeats by itself; it rests while no session is suspended. */
+static void on_retry(uv_timer_t *timer)
+{
+    struct skd_daemon *daemon = timer->data;
+    struct skd_live *live, *next;
+    bool again = false;
+    HASH_ITER(hh, daemon->sessions, live, next)
+    {
+        if (live->suspended) {
+            skd_rewriting_start(daemon, live);
+            again = true;
+        }
+    }
+    if (!again || daemon->stopping) {
+        uv_timer_stop(timer);
+        return;
+    }
+    uint64_t repeat = 2 * uv_timer_get_repeat(timer);
+    uv_timer_set_repeat(timer, repeat < RETRY_MS_MOST ? repeat : RETRY_MS_MOST);
+    uv_timer_again(timer);
+}
+
+void skd_rewriting_watch(struct skd_daemon *daemon)
+{
+    uv_timer_t *timer = &daemon->keeping.retry;
+    uv_timer_start(timer, on_retry, 0, 0); /* so that it can be started again */
+    uv_timer_stop(timer);
 }

@@ -28,6 +28,10 @@ void skd_rewriting_finish(struct skd_rewriting *rewriting);
 /* Does it in a turn of the daemon's own; nothing where one is under way or waits already. */
 void skd_rewriting_start(struct skd_daemon *daemon, struct skd_live *live);
 
+/* From now on suspended sessions are tried again, which skd_keeping_suspend sets off. Once, after
+ * skd_keeping_start. */
+void skd_rewriting_watch(struct skd_daemon *daemon);
+
 /* Whether the file has grown so much that it should be: looked at after each commit. */
 bool skd_rewriting_is_due(const struct skd_live *live);
 

@@ -1,11 +1,10 @@
-/* Open sessions by name: list, info, attach, detach, close.
+/* Open sessions by name: list, info, attach, detach.
  *
  * Stage: request -> reply. Thread: the loop. All are answered at once: they read what never changes
  * (the rig) or what the loop owns (revision, poses, listeners), never the weights.
  */
 #include "requests/handlers.h"
 
-#include "requests/close.h"
 #include "requests/describe.h"
 #include "requests/listeners.h"
 #include "requests/presence.h"
@@ -23,7 +22,7 @@ void skd_handle_session_list(struct skd_call *call)
         if (live->session != NULL)
             cJSON_AddItemToArray(list, skd_describe_briefly(live));
     }
-    skd_describe_folder(call->daemon->keeping.folder, result);
+    skd_describe_folder(&call->daemon->keeping, result);
     skd_call_answer(call, result);
 }
 
@@ -66,6 +65,7 @@ void skd_handle_session_attach(struct skd_call *call)
     cJSON_AddStringToObject(result, "instance", live->session->instance);
     cJSON_AddNumberToObject(result, "revision", (double)live->durable_revision);
     cJSON_AddBoolToObject(result, "resync", !follows);
+    cJSON_AddNumberToObject(result, "connection", (double)call->connection_id);
     cJSON_AddItemToObject(result, "present", skd_presence_describe(call->daemon, live));
     struct skd_daemon *daemon = call->daemon;
     skd_call_answer(call, result);
@@ -80,13 +80,4 @@ void skd_handle_session_detach(struct skd_call *call)
     if (skd_listener_detach(live, call->connection_id))
         skd_presence_changed(call->daemon, live);
     skd_call_answer(call, cJSON_CreateObject());
-}
-
-void skd_handle_session_close(struct skd_call *call)
-{
-    struct skd_live *live = skd_call_find_session(call, call->request.params.session.session);
-    if (live == NULL)
-        return;
-    live->closer = call;
-    skd_session_close(call->daemon, live, SKD_KEEPING_CLOSED, "a client closed it");
 }

@@ -124,8 +124,8 @@ struct skd_keeping {
     char folder[SKD_STATE_PATH_BYTES];
     int lock;
     struct skd_journal *journal;
-    uv_timer_t retry; /* for sessions that are suspended */
-    unsigned retry_ms;
+    uv_timer_t retry; /* for sessions that are suspended; requests/rewriting.c's */
+    cJSON *unopened;  /* files that no session was made of at the start: [{file, text}], or NULL */
 };
 
 /* What sessions may take; see requests/memory.h. */

@@ -12,6 +12,7 @@
 #include <sys/file.h>
 #include <sys/random.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 enum { TAG_DIGITS = 16 };
@@ -125,16 +126,22 @@ void skd_state_remove(const char *path)
     }
 }
 
-/* "Knight" from "Knight-0123456789abcdef.skind". */
+/* "Knight" from "Knight-0123456789abcdef.skind", and from what that was set aside as, with the time
+ * behind it. */
 static void read_session_name(const char *file, char session[SKD_SESSION_NAME_BYTES_MAX + 1])
 {
-    size_t tail = 1 + TAG_DIGITS + sizeof suffix - 1, length = strlen(file);
+    size_t length = strlen(file) - (sizeof suffix - 1);
     session[0] = '\0';
-    if (length <= tail || length - tail > SKD_SESSION_NAME_BYTES_MAX ||
-        file[length - tail] != '-' || strcmp(file + length - (sizeof suffix - 1), suffix) != 0)
+    for (size_t at = length > TAG_DIGITS ? length - TAG_DIGITS - 1 : 0; at > 0; at--) {
+        const char *tag = file + at + 1;
+        bool is_tag = file[at] == '-' && strspn(tag, "0123456789abcdef") == TAG_DIGITS &&
+                      (tag[TAG_DIGITS] == '.' || tag[TAG_DIGITS] == '-');
+        if (!is_tag || at > SKD_SESSION_NAME_BYTES_MAX)
+            continue;
+        memcpy(session, file, at);
+        session[at] = '\0';
         return;
-    memcpy(session, file, length - tail);
-    session[length - tail] = '\0';
+    }
 }
 
 static int newest_first(const void *a, const void *b)
@@ -197,18 +204,71 @@ enum skd_status skd_state_list(const char *folder, enum skd_state_part part,
     return SKD_OK;
 }
 
-void skd_state_forget_oldest(const char *folder)
+/* The file is newer than all others there, whatever the clock says and whenever it was written. */
+static void make_newest(const struct skd_state_files *files, const char *path)
 {
-    struct skd_state_files files;
-    struct skd_error error;
-    char path[SKD_STATE_PATH_BYTES];
-    if (skd_state_list(folder, SKD_STATE_CLOSED, &files, &error) != SKD_OK) {
-        skd_log(SKD_LOG_WARNING, "%s", error.text);
+    struct timespec now, times[2];
+    if (clock_gettime(CLOCK_REALTIME, &now) != 0)
         return;
+    for (size_t i = 0; i < files->count; i++) {
+        if (files->items[i].changed_s >= now.tv_sec)
+            now = (struct timespec){.tv_sec = files->items[i].changed_s + 1};
     }
-    for (size_t i = SKD_CLOSED_FILES_MAX; i < files.count; i++) {
-        if (skd_state_path(folder, SKD_STATE_CLOSED, files.items[i].name, path, &error) == SKD_OK)
+    times[0] = times[1] = now;
+    if (utimensat(AT_FDCWD, path, times, AT_SYMLINK_NOFOLLOW) != 0)
+        skd_log(SKD_LOG_WARNING, "%s may be forgotten early: %s", path, strerror(errno));
+}
+
+/* Removes the oldest, up to so many. */
+static void forget(const char *folder, const struct skd_state_files *files, size_t most)
+{
+    char path[SKD_STATE_PATH_BYTES];
+    struct skd_error error;
+    for (size_t i = most; i < files->count; i++) {
+        if (skd_state_path(folder, SKD_STATE_CLOSED, files->items[i].name, path, &error) == SKD_OK)
             skd_state_remove(path);
     }
+}
+
+static void list_closed(const char *folder, struct skd_state_files *files)
+{
+    struct skd_error error;
+    if (skd_state_list(folder, SKD_STATE_CLOSED, files, &error) != SKD_OK)
+        skd_log(SKD_LOG_WARNING, "%s", error.text);
+}
+
+void skd_state_closed(const char *folder, const char *file)
+{
+    struct skd_state_files files;
+    char path[SKD_STATE_PATH_BYTES];
+    struct skd_error error;
+    list_closed(folder, &files);
+    if (skd_state_path(folder, SKD_STATE_CLOSED, file, path, &error) == SKD_OK &&
+        access(path, F_OK) == 0)
+        make_newest(&files, path);
     free(files.items);
+    list_closed(folder, &files);
+    forget(folder, &files, SKD_CLOSED_FILES_MAX);
+    free(files.items);
+}
+
+static bool is_same(const struct stat *one, const struct stat *other)
+{
+    return one->st_dev == other->st_dev && one->st_ino == other->st_ino;
+}
+
+bool skd_state_has(const char *folder, const char *path)
+{
+    char parent[SKD_PATH_BYTES_MAX], part[SKD_STATE_PATH_BYTES];
+    struct stat theirs, ours;
+    struct skd_error error;
+    (void)snprintf(parent, sizeof parent, "%.*s/", (int)(strrchr(path, '/') - path), path);
+    if (stat(parent, &theirs) != 0)
+        return false;
+    for (int i = SKD_STATE_OPEN; i <= SKD_STATE_DAMAGED; i++) {
+        if (skd_state_path(folder, (enum skd_state_part)i, "", part, &error) == SKD_OK &&
+            stat(part, &ours) == 0 && is_same(&theirs, &ours))
+            return true;
+    }
+    return false;
 }

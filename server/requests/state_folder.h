@@ -29,7 +29,7 @@ struct skd_state_file {
     char name[SKD_STATE_FILE_BYTES];              /* of the file, in its part of the folder */
     char session[SKD_SESSION_NAME_BYTES_MAX + 1]; /* "" where the name tells none */
     uint64_t bytes;
-    int64_t changed_s; /* unix time */
+    int64_t changed_s; /* unix time; of a closed one, when it was closed */
 };
 
 struct skd_state_files {
@@ -60,7 +60,11 @@ SKD_MUST_CHECK enum skd_status skd_state_list(const char *folder, enum skd_state
                                               struct skd_state_files *files,
                                               struct skd_error *error);
 
-/* Removes closed sessions beyond the newest SKD_CLOSED_FILES_MAX. */
-void skd_state_forget_oldest(const char *folder);
+/* A file came among the closed ones just now: it is the newest, however old what it holds, and those
+ * beyond the newest SKD_CLOSED_FILES_MAX go. */
+void skd_state_closed(const char *folder, const char *file);
+
+/* Whether a path names something in the state folder, however it is spelt. */
+bool skd_state_has(const char *folder, const char *path);
 
 #endif

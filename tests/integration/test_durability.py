@@ -8,6 +8,7 @@ import shutil
 import signal
 import stat
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -293,23 +294,30 @@ def test_the_state_folder_is_ours_alone(start, folder) -> None:
     assert "symlink" in refused.log.read_text()
 
 
+@contextmanager
+def full_disk(daemon):
+    """The daemon's files may not grow; yields how to make room again."""
+    limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, (4096, limits[1]))
+    yield lambda: resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, limits)
+
+
 def test_a_full_disk_suspends_and_resumes(start) -> None:
     """The disk is full for a while: strokes go on, everybody is told, nothing is missing after."""
     daemon = start()
     with daemon.link() as link, daemon.link(name="other") as other:
         make(link)
         stroke(link, 1)
-        limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE)
-        resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, (4096, limits[1]))
-        for seed in range(2, 6):
-            stroke(link, seed)
-        other.pump(0.5)
-        told = [message for message in other.notifications
-                if message.method == "journal.suspended"]
-        assert len(told) == 1 and told[0].params["session"] == "sheet"
-        assert link.call("session.info", {"session": "sheet"})["journal"] == "suspended"
-        link.call("pose.set", {"session": "sheet", "pose": "late", "matrices": rigs.bent(0.1)})
-        resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, limits)
+        with full_disk(daemon) as make_room:
+            for seed in range(2, 6):
+                stroke(link, seed)
+            other.pump(0.5)
+            told = [message for message in other.notifications
+                    if message.method == "journal.suspended"]
+            assert len(told) == 1 and told[0].params["session"] == "sheet"
+            assert link.call("session.info", {"session": "sheet"})["journal"] == "suspended"
+            link.call("pose.set", {"session": "sheet", "pose": "late", "matrices": rigs.bent(0.1)})
+            make_room()
         deadline = time.monotonic() + 40
         while link.call("session.info", {"session": "sheet"})["journal"] != "ok":
             assert time.monotonic() < deadline
@@ -324,6 +332,46 @@ def test_a_full_disk_suspends_and_resumes(start) -> None:
         assert "late" in link.call("session.info", {"session": "sheet"})["poses"]
 
 
+def test_closing_waits_until_it_is_on_the_disk(start) -> None:
+    """Found: who closed a suspended session lost what came after the suspension, and the session
+    was open again at the next start."""
+    daemon = start()
+    with daemon.link() as link:
+        make(link)
+        with full_disk(daemon) as make_room:
+            stroke(link, 1)
+            with pytest.raises(SkindError, match="stays open, because it is not on the disk") as no:
+                link.call("session.close", {"session": "sheet"})
+            assert no.value.name == "file_io"
+            before = contents(link)
+            make_room()
+            link.call("session.close", {"session": "sheet"})
+    daemon.stop(signal.SIGKILL)
+    with start().link() as link:
+        assert link.call("session.list")["sessions"] == []
+        link.call("session.open", {"closed": "sheet"})
+        assert contents(link) == before
+
+
+@pytest.mark.parametrize("has_room", [True, False])
+def test_stopping_tries_once_more(start, has_room) -> None:
+    """Found: a daemon that was stopped before the next try lost what came after the suspension."""
+    daemon = start()
+    with daemon.link() as link:
+        make(link)
+        kept = contents(link)
+        with full_disk(daemon) as make_room:
+            stroke(link, 1)
+            before = contents(link)
+            if has_room:
+                make_room()
+    assert daemon.stop() == 0
+    assert ("is lost: " in daemon.log.read_text()) == (not has_room)
+    with start().link() as link:
+        assert contents(link) == (before if has_room else kept)
+        assert len(link.call("session.list")["sessions"]) == 1
+
+
 def test_a_full_disk_leaves_the_saved_file(start, folder) -> None:
     daemon = start()
     path = folder / "saved.skind"
@@ -332,11 +380,10 @@ def test_a_full_disk_leaves_the_saved_file(start, folder) -> None:
         link.call("session.save", {"session": "sheet", "path": str(path)})
         before = path.read_bytes()
         stroke(link, 1)
-        limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE)
-        resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, (4096, limits[1]))
-        with pytest.raises(SkindError) as refused:
-            link.call("session.save", {"session": "sheet", "path": str(path)})
-        resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, limits)
+        with full_disk(daemon) as make_room:
+            with pytest.raises(SkindError) as refused:
+                link.call("session.save", {"session": "sheet", "path": str(path)})
+            make_room()
         assert refused.value.name == "file_io"
         assert path.read_bytes() == before
         assert [entry.name for entry in folder.glob("saved*")] == ["saved.skind"]

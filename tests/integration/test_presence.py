@@ -60,8 +60,10 @@ def test_names_and_times(sheet) -> None:
         assert (alone["client"], alone["user"], alone["version"]) == ("Blender", "Anna", "2.1")
         assert before <= alone["since"] <= time.time()
         assert alone["claim"] == {"bones": [], "vertices": 0}
-        first, second = ben.call("session.attach", WHO)["present"]
+        attached = ben.call("session.attach", WHO)
+        first, second = attached["present"]
         assert first == alone and (second["client"], second["user"]) == ("skinctl", "Ben")
+        assert attached["connection"] == second["connection"]
         assert first["connection"] != second["connection"]
         assert until(anna, lambda present: len(present) == 2) == [first, second]
         assert ben.call("session.info", WHO)["present"] == [first, second]
