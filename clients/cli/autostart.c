@@ -74,7 +74,13 @@ static void find_daemon(char program[SKD_PATH_BYTES_MAX])
     strcpy(program, "skind"); /* posix_spawnp looks on PATH */
 }
 
-static enum skd_status prepare(struct starting *starting, struct skd_error *error)
+static int make_file(const char *path)
+{
+    return open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
+}
+
+/* The folder, the lock and the log, for nobody but us. */
+static enum skd_status make_files(struct starting *starting, struct skd_error *error)
 {
     const char *path = starting->start->path;
     const char *slash = strrchr(path, '/');
@@ -86,11 +92,25 @@ static enum skd_status prepare(struct starting *starting, struct skd_error *erro
     (void)snprintf(starting->log, sizeof starting->log, "%s/skind.log", starting->folder);
     char lock[SKD_SOCKET_PATH_BYTES + 16];
     (void)snprintf(lock, sizeof lock, "%s.start.lock", path);
-    starting->lock = open(lock, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
+    starting->lock = make_file(lock);
     if (starting->lock < 0)
         return skd_fail(error, SKD_FILE_IO, "cannot open the lock file %s: %s", lock,
                         strerror(errno));
+    int log = make_file(starting->log);
+    if (log < 0)
+        return skd_fail(error, SKD_FILE_IO, "cannot open the daemon's log %s: %s", starting->log,
+                        strerror(errno));
+    close(log);
     return SKD_OK;
+}
+
+/* The caller's umask is the daemon's too, for what it exports. */
+static enum skd_status prepare(struct starting *starting, struct skd_error *error)
+{
+    const mode_t before = umask(0077);
+    enum skd_status status = make_files(starting, error);
+    (void)umask(before);
+    return status;
 }
 
 /* What the daemon is started with, and the numbers in it. */
@@ -142,8 +162,8 @@ static enum skd_status spawn(struct starting *starting, struct skd_error *error)
     sigfillset(&everything);
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-    posix_spawn_file_actions_addopen(&actions, 1, starting->log,
-                                     O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW, 0600);
+    posix_spawn_file_actions_addopen(&actions, 1, starting->log, O_WRONLY | O_APPEND | O_NOFOLLOW,
+                                     0);
     posix_spawn_file_actions_adddup2(&actions, 1, 2);
     posix_spawn_file_actions_addclosefrom_np(&actions, 3);
     if (strchr(program, '/') == NULL || program[0] == '/')

@@ -58,7 +58,7 @@ static void print_as_json(const struct skd_message *message, bool with_arrays)
 /* "stroke by blender", for a whole update or one of its changes. */
 static void print_change(const cJSON *change)
 {
-    char client[SKD_PERSON_TEXT_BYTES];
+    char client[SKD_AUTHOR_TEXT_BYTES];
     printf("%s by %s", skd_json_text(change, "cause"), skd_person_text(change, client));
 }
 
@@ -92,7 +92,7 @@ static void print_update(const struct skd_message *update)
 static void print_presence(const cJSON *present)
 {
     const cJSON *item;
-    char person[SKD_PERSON_TEXT_BYTES];
+    char person[SKD_AUTHOR_TEXT_BYTES];
     fputs("here:", stdout);
     cJSON_ArrayForEach(item, present)
         printf("%s %s", item != present->child ? "," : "", skd_person_text(item, person));
@@ -105,7 +105,7 @@ static void print_claims(const struct skd_message *claims)
     size_t vertices =
         count_rows(claims, cJSON_GetObjectItemCaseSensitive(claims->params, "vertices"));
     int count = cJSON_GetArraySize(bones), shown = 0;
-    char person[SKD_PERSON_TEXT_BYTES];
+    char person[SKD_AUTHOR_TEXT_BYTES];
     printf("%s claims%s", skd_person_text(claims->params, person),
            count == 0 && vertices == 0 ? " nothing any more" : "");
     cJSON_ArrayForEach(bone, bones)

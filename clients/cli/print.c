@@ -197,11 +197,12 @@ static void make_printable(char *text)
     }
 }
 
-const char *skd_person_text(const cJSON *presence, char text[SKD_PERSON_TEXT_BYTES])
+const char *skd_person_text(const cJSON *presence, char text[SKD_AUTHOR_TEXT_BYTES])
 {
-    const char *user = skd_json_text(presence, "user");
-    (void)snprintf(text, SKD_PERSON_TEXT_BYTES, user[0] != '\0' ? "%.*s (%s)" : "%.*s",
-                   SKD_CLIENT_NAME_BYTES_MAX, skd_json_text(presence, "client"), user);
+    struct skd_author author;
+    (void)snprintf(author.client, sizeof author.client, "%s", skd_json_text(presence, "client"));
+    (void)snprintf(author.user, sizeof author.user, "%s", skd_json_text(presence, "user"));
+    (void)skd_author_text(&author, text);
     make_printable(text);
     return text;
 }
@@ -324,7 +325,7 @@ void skd_print_present(const cJSON *present)
         const cJSON *claim = cJSON_GetObjectItemCaseSensitive(item, "claim");
         double vertices = skd_json_number(claim, "vertices");
         int bones = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(claim, "bones"));
-        char person[SKD_PERSON_TEXT_BYTES], since[SKD_TIME_TEXT_BYTES], claims[64] = "";
+        char person[SKD_AUTHOR_TEXT_BYTES], since[SKD_TIME_TEXT_BYTES], claims[64] = "";
         if (bones > 0 || vertices > 0)
             (void)snprintf(claims, sizeof claims, "%d bones, %.0f vertices", bones, vertices);
         skd_table_add(&table, (const char *const[]){

@@ -5,6 +5,7 @@
 #ifndef SKD_CLI_PRINT_H
 #define SKD_CLI_PRINT_H
 
+#include "protocol/author.h"
 #include "protocol/message.h"
 
 /* Prints a value of a message as one line of JSON, with {"buffer": i} written out as the array that
@@ -30,9 +31,8 @@ const char *skd_bytes_text(double bytes, char text[SKD_COUNT_TEXT_BYTES]);
 /* Writes a unix time as the machine's own: "2026-03-14 15:09". */
 enum { SKD_TIME_TEXT_BYTES = 32 };
 const char *skd_time_text(double seconds, char text[SKD_TIME_TEXT_BYTES]);
-/* Writes who a member of `present`, or a claim's notification, is: "blender (anna)". */
-enum { SKD_PERSON_TEXT_BYTES = 2 * SKD_CLIENT_NAME_BYTES_MAX + SKD_USER_BYTES_MAX };
-const char *skd_person_text(const cJSON *presence, char text[SKD_PERSON_TEXT_BYTES]);
+/* Writes who a member of `present`, or a claim's notification, is: "anna (Blender)". */
+const char *skd_person_text(const cJSON *presence, char text[SKD_AUTHOR_TEXT_BYTES]);
 
 /* Prints open sessions, as session.list tells them. */
 void skd_print_sessions(const cJSON *sessions);

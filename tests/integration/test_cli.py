@@ -709,9 +709,10 @@ def test_watch(body: Cli) -> None:
     lines = reading.communicate(timeout=60)[0].splitlines()
     assert reading.returncode == 0 and lines[-1].startswith("closed: ")
     assert [line for line in lines if line.startswith("revision")] == [
-        f"revision {number}: {update['cause']} by skinctl; {count:,} vertices"
+        f"revision {number}: {update['cause']} by {update['user']} (skinctl); "
+        f"{count:,} vertices"
         for number, (update, count) in enumerate(zip(updates, counts), 1)]
-    assert any(line.startswith("here: skinctl") for line in lines)
+    assert any(line.startswith(f"here: {updates[0]['user']} (skinctl)") for line in lines)
 
 
 def test_watch_ends_on_interrupt_and_with_the_daemon(body: Cli) -> None:

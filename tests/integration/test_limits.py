@@ -157,8 +157,8 @@ def test_as_many_connections_as_hello_tells(daemon) -> None:
 
             def knock() -> socket.socket:
                 connection = stack.enter_context(socket.socket(socket.AF_UNIX))
+                connection.connect(str(daemon.socket))  # waits while others are being let in
                 connection.settimeout(20)
-                connection.connect(str(daemon.socket))
                 return connection
 
             for _ in range(CONNECTIONS - 2):
@@ -174,6 +174,69 @@ def test_as_many_connections_as_hello_tells(daemon) -> None:
             daemon.link().close()
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def answers(link: Link, method: str, params: dict) -> list[bool]:
+    """Whether requests are taken, one for each value in the list that a parameter has."""
+    [(key, values)] = [item for item in params.items() if isinstance(item[1], list)]
+    taken = []
+    for value in values:
+        try:
+            link.call(method, {**params, key: value})
+            taken.append(True)
+        except SkindError as refusal:
+            assert refusal.name in ("bad_params", "too_large")
+            taken.append(False)
+    return taken
+
+
+def test_numbers_below_at_and_above_what_hello_tells(daemon) -> None:
+    with daemon.link(checked=False) as link:
+        assert create(link, "sheet", 64) == "made"
+        who = {"session": "sheet", "pose": "rest", "vertices": np.arange(3, dtype=np.uint32),
+               "positions": np.zeros((3, 3), np.float32)}
+        most = link.hello["limits"]["history_bytes"]
+        for method, params, expected in [
+                ("session.set", {"session": "sheet",
+                                 "history_bytes": [MIB - 1, MIB, MIB + 1]}, "nyy"),
+                ("session.set", {"session": "sheet",
+                                 "history_bytes": [most - 1, most, most + 1]}, "yyn"),
+                ("stroke.apply", {**who, "stiffness": [9.999, 10, 10.001]}, "yyn"),
+                ("stroke.apply", {**who, "smooth": [9.999, 10, 10.001]}, "yyn"),
+                ("stroke.apply", {**who, "guard": [999.9, 1000, 1000.1]}, "yyn"),
+                ("pins.weigh", {"session": "sheet", "pose": "rest",
+                                "weight": [999.9, 1000, 1000.1]}, "yyn")]:
+            taken = answers(link, method, params)
+            assert "".join("y" if yes else "n" for yes in taken) == expected, (method, params)
+
+
+def test_as_many_poses_as_hello_tells(daemon) -> None:
+    with daemon.link(checked=False) as link:
+        assert create(link, "sheet", 16) == "made"
+        most = link.hello["limits"]["poses"]
+        pose = {"session": "sheet", "bend": 10.0}
+        for number in range(most - len(link.call("session.info", {"session": "sheet"})["poses"])):
+            link.call("pose.set", {**pose, "pose": f"pose {number}"})
+        with pytest.raises(SkindError) as refusal:
+            link.call("pose.set", {**pose, "pose": "one more"})
+        assert refusal.value.name == "too_large" and str(most) in refusal.value.message
+        link.call("pose.set", {**pose, "pose": "pose 0"})  # instead of the one that it was
+        assert len(link.call("session.info", {"session": "sheet"})["poses"]) == most
+
+
+def test_as_many_guard_poses_as_hello_tells(daemon) -> None:
+    with daemon.link(checked=False) as link:
+        assert create(link, "sheet", 16) == "made"
+        most = link.hello["limits"]["guard_poses"]
+        for number in range(4):
+            link.call("pose.set", {"session": "sheet", "pose": f"p{number}", "bend": 10.0 + number})
+        guard = {"session": "sheet", "poses": [f"p{number}" for number in range(4)]}
+        for count, name in ((most - 1, ""), (most, ""), (most + 1, "bad_params")):
+            try:
+                link.call("guard.set", {**guard, "count": count})
+                assert name == ""
+            except SkindError as refusal:
+                assert refusal.name == name
 
 
 # ---- messages that are coming in ---------------------------------------------------------------

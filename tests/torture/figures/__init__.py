@@ -50,7 +50,7 @@ GROUPS = (
     Group(kills.measure, 160, 12, (
         Figure("kill9_rounds", "kill -9 under load and restart", at_least=500, quick=10),
         Figure("kill9_lost", "of these in which something was lost", at_most=0))),
-    Group(torn.measure, 60, 5, (
+    Group(torn.measure, 90, 5, (
         Figure("torn_cases", "damaged journals read", at_least=5000, quick=200),
         Figure("torn_failed", "of these with wrong weights, or a failed start", at_most=0))),
     Group(faults.measure, 600, 20, (

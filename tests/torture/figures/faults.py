@@ -341,7 +341,7 @@ def measure(yard: Yard, seconds: float) -> dict:
     if yard.quick:
         points = points[::max(1, len(points) // 100)]
     failed, began = [], time.monotonic()
-    workers = 6 * len(os.sched_getaffinity(0))  # they wait for journals to be tried again
+    workers = 16 * len(os.sched_getaffinity(0))  # they wait for journals to be tried again
     with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as pool:
         for index, why in enumerate(pool.map(lab.try_point, points, chunksize=4)):
             if why:

@@ -254,9 +254,7 @@ class Round:
             if any(story.name[0] == name for story in self.stories):
                 continue
             self.made += 1
-            durability = "full"
-            story = Story(f"{name}{self.made}", vertices, self.made, self.twin,
-                          {**options, "durability": durability})
+            story = Story(f"{name}{self.made}", vertices, self.made, self.twin, options)
             story.create(link)
             for client in story.clients:
                 client.connect(self.daemon)
