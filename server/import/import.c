@@ -132,8 +132,13 @@ static enum skd_status judge(struct skd_import *import, int end, struct skd_erro
 {
     struct skd_import_answer answer;
     size_t bytes = 0;
-    if (import->was_cancelled || import->was_late || !seal(import, &bytes) ||
-        pread(import->file, &answer, sizeof answer, 0) != sizeof answer ||
+    if (import->was_cancelled || import->was_late)
+        return judge_end(import, end, error);
+    if (!seal(import, &bytes))
+        return skd_fail(error, SKD_BUSY,
+                        "what was read of \"%s\" cannot be taken over yet: %s; load it again",
+                        import->path, strerror(errno));
+    if (pread(import->file, &answer, sizeof answer, 0) != sizeof answer ||
         answer.magic != SKD_IMPORT_MAGIC)
         return judge_end(import, end, error);
     answer.text[sizeof answer.text - 1] = '\0';

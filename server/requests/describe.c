@@ -149,6 +149,8 @@ cJSON *skd_describe_wholly(const struct skd_daemon *daemon, const struct skd_liv
 
 static void add_closed(cJSON *list, const struct skd_state_file *file)
 {
+    if (file->session[0] == '\0')
+        return; /* somebody put it there; it has no name to be opened by */
     cJSON *item = cJSON_CreateObject();
     cJSON_AddStringToObject(item, "session", file->session);
     cJSON_AddNumberToObject(item, "bytes", (double)file->bytes);

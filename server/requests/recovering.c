@@ -51,6 +51,11 @@ static void read_in_worker(uv_work_t *work)
     memcpy(item->file.name, file, sizeof file);
 }
 
+static bool is_ours(const struct recovering *item)
+{
+    return strcmp(item->file.session, item->session->name) == 0;
+}
+
 /* No session was made of it. It stays where it is, unless it was set aside. */
 static void refuse(struct skd_daemon *daemon, const struct recovering *item)
 {
@@ -102,12 +107,11 @@ static enum skd_status put_with_closed(struct skd_daemon *daemon, struct recover
 static void leave(struct skd_daemon *daemon, struct recovering *item)
 {
     const struct recovering *opened = find_opened(item);
-    bool is_ours = strcmp(item->file.session, item->session->name) == 0;
-    bool is_older =
-        is_ours && opened != NULL && strcmp(opened->report.instance, item->report.instance) == 0;
+    bool is_older = is_ours(item) && opened != NULL &&
+                    strcmp(opened->report.instance, item->report.instance) == 0;
     if (is_older)
         skd_state_remove(item->path);
-    else if (!is_ours || opened == NULL || put_with_closed(daemon, item) != SKD_OK)
+    else if (!is_ours(item) || opened == NULL || put_with_closed(daemon, item) != SKD_OK)
         refuse(daemon, item);
     skd_session_destroy(item->session);
     item->session = NULL;
@@ -133,12 +137,15 @@ static void open_session(struct skd_daemon *daemon, struct recovering *item)
             (unsigned long long)live->session->revision);
 }
 
-static int highest_revision_first(const void *a, const void *b)
+/* The order of opening: files that hold no session, then the highest revision, and of equal ones
+ * that which we wrote. */
+static int best_first(const void *a, const void *b)
 {
     const struct recovering *one = a, *other = b;
-    uint64_t x = one->session != NULL ? one->session->revision : 0;
-    uint64_t y = other->session != NULL ? other->session->revision : 0;
-    return x < y ? 1 : x > y ? -1 : 0;
+    if (one->session == NULL || other->session == NULL)
+        return (one->session != NULL) - (other->session != NULL);
+    uint64_t x = one->session->revision, y = other->session->revision;
+    return x != y ? (x < y ? 1 : -1) : is_ours(other) - is_ours(one);
 }
 
 static bool start_reading(struct skd_daemon *daemon, const struct skd_state_files *files,
@@ -178,7 +185,7 @@ void skd_recover_sessions(struct skd_daemon *daemon)
         uv_run(&recovery.loop, UV_RUN_DEFAULT);
         int left = uv_loop_close(&recovery.loop);
         SKD_ASSERT(left == 0);
-        qsort(recovery.items, recovery.count, sizeof *recovery.items, highest_revision_first);
+        qsort(recovery.items, recovery.count, sizeof *recovery.items, best_first);
         daemon->keeping.unopened = cJSON_CreateArray();
         for (size_t i = 0; i < recovery.count; i++)
             open_session(daemon, &recovery.items[i]);

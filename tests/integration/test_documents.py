@@ -49,7 +49,7 @@ def test_the_protocols_examples(folder, environment) -> None:
     assert done.stdout.startswith("3 {") and "chunks" in done.stdout
 
 
-def watch_and_end(folder: Path, environment: dict) -> None:
+def watch_and_end(folder: Path, environment: dict, *options: str) -> None:
     """Runs skinctl watch as somebody at a terminal would, who ends it after a look.
 
     One SIGTERM and nothing else: timeout(1) sends a SIGCONT behind it. As skinctl ends,
@@ -58,7 +58,7 @@ def watch_and_end(folder: Path, environment: dict) -> None:
     """
     log = folder / "watch.log"
     with log.open("w") as talk:
-        watch = subprocess.Popen(["skinctl", "watch"], cwd=folder, env=environment,
+        watch = subprocess.Popen(["skinctl", "watch", *options], cwd=folder, env=environment,
                                  stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=talk)
     try:
         deadline = time.monotonic() + 60
@@ -86,3 +86,15 @@ def test_the_notes_are_the_documented_ones() -> None:
     section = (ROOT / "protocol" / "PROTOCOL.md").read_text("utf-8").split("## What is mended")[1]
     documented = re.findall(r"^\| `(\w+)` \|", section.split("\n## ")[0], re.MULTILINE)
     assert documented == re.findall(r'X\([A-Z_]+,\s*"(\w+)"', header)
+
+
+def test_the_readmes_commands_for_sessions(folder, environment) -> None:
+    """With the session that is made by hand."""
+    [by_hand] = [block for block in blocks("README.md", "sh") if "skinctl load" in block]
+    [sessions] = [block for block in blocks("README.md", "sh") if "session save" in block]
+    paste(by_hand.split("skinctl undo")[0], folder, environment)
+    before, watch, after = re.split(r"^skinctl watch(.*?)  .*$", sessions, flags=re.MULTILINE)
+    said = paste(before, folder, environment)
+    assert "whole" in said and "body" in said and "try" in said
+    watch_and_end(folder, environment, *watch.split())
+    paste(after.split("./run torture")[0], folder, environment)

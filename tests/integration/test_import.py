@@ -3,6 +3,7 @@ whatever happens to it is one error to one client."""
 
 from __future__ import annotations
 
+import mmap
 import os
 import resource
 import signal
@@ -155,6 +156,21 @@ def test_crash(hold: Callable[[Path], Held], large: Path, small: Path, number: s
     error = held.error()
     assert error.name == status and words in error.message and str(large) in error.message
     assert gone(held.process)
+    assert_unharmed(held.link, small)
+
+
+def test_what_was_read_is_still_in_use(hold: Callable[[Path], Held], large: Path,
+                                       small: Path) -> None:
+    """Somebody else could still change the image: it is not the file's fault."""
+    held = hold(large)
+    [memory] = [entry for entry in Path(f"/proc/{held.process}/fd").iterdir()
+                if "memfd" in os.readlink(entry)]
+    with memory.open("r+b") as file:
+        file.truncate(mmap.PAGESIZE)
+        with mmap.mmap(file.fileno(), mmap.PAGESIZE):
+            os.kill(held.process, signal.SIGCONT)
+            error = held.error()
+    assert error.name == "busy" and "again" in error.message
     assert_unharmed(held.link, small)
 
 

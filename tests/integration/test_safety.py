@@ -109,8 +109,19 @@ def test_a_folder_open_to_others_is_refused(folder) -> None:
     assert "chmod 700" in refused(folder, "--socket", f"{folder}/run/skind.sock")
 
 
-def test_a_socket_path_that_is_too_long_is_refused_with_the_reason(folder) -> None:
-    assert "107" in refused(folder, "--socket", "/tmp/" + "x" * 200)
+def test_what_skinctl_makes_does_not_depend_on_the_umask(folder) -> None:
+    where = folder / "run" / "skind.sock"
+    before = os.umask(0o777)
+    try:
+        subprocess.run([BIN / "skinctl", "start", "--socket", where, "--state", folder / "kept"],
+                       check=True, capture_output=True, timeout=60)
+        subprocess.run([BIN / "skinctl", "stop", "--socket", where], check=True,
+                       capture_output=True, timeout=60)
+    finally:
+        os.umask(before)
+    assert mode(folder / "run") == 0o700
+    assert {path.name: oct(mode(path)) for path in (folder / "run").iterdir()} == {
+        f"skind.{name}": "0o600" for name in ("log", "sock.lock", "sock.start.lock")}
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")

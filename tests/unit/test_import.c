@@ -261,7 +261,7 @@ static void test_lies(void **state)
     assert_refused("lie about status", SKD_BAD_RIG, "no file gives this");
     assert_refused("endless text", SKD_BAD_RIG, "??");
     assert_refused("other file", SKD_BAD_RIG, "another file's character");
-    assert_refused("keeps it mapped", SKD_BAD_RIG, "without a result");
+    assert_refused("keeps it mapped", SKD_BUSY, "cannot be taken over yet");
     assert_int_equal(descriptors(), before);
 }
 

@@ -581,6 +581,57 @@ static void test_bend(void **state)
     }
 }
 
+/* A rig of so many vertices and bones, each of them anywhere; what becomes of it. */
+static enum skd_status make_large(size_t vertex_count, int bone_count)
+{
+    struct skd_rig *rig = NULL;
+    struct skd_influences influences;
+    struct skd_error error = {0};
+    struct skd_rig_arrays arrays = square_arrays();
+    float *positions = calloc(3 * vertex_count, sizeof *positions);
+    uint32_t *offsets = calloc(vertex_count + 1, sizeof *offsets);
+    int32_t *parents = calloc((size_t)bone_count, sizeof *parents);
+    double *binds = calloc(16 * (size_t)bone_count, sizeof *binds);
+    assert_true(positions != NULL && offsets != NULL && parents != NULL && binds != NULL);
+    positions[3] = positions[7] = 1;
+    for (int b = 0; b < bone_count; b++) {
+        parents[b] = b - 1;
+        for (int i = 0; i < 16; i += 5)
+            binds[16 * b + i] = 1;
+    }
+    arrays.vertex_count = vertex_count;
+    arrays.positions = positions;
+    arrays.triangle_count = 1;
+    arrays.triangles = (uint32_t[]){0, 1, 2};
+    arrays.bone_count = bone_count;
+    arrays.parents = parents;
+    arrays.bind_matrices = binds;
+    arrays.influence_offsets = offsets;
+    enum skd_status status = skd_rig_from_arrays(&arrays, &rig, &influences, &error);
+    if (status == SKD_OK) {
+        assert_true(rig->mesh.vertex_count == vertex_count);
+        assert_int_equal(rig->skeleton.bone_count, bone_count);
+    }
+    skd_rig_destroy(rig);
+    skd_influences_finish(&influences);
+    free(positions);
+    free(offsets);
+    free(parents);
+    free(binds);
+    return status;
+}
+
+static void test_as_large_as_the_limits_say(void **state)
+{
+    (void)state;
+    assert_int_equal(make_large(SKD_VERTICES_MAX - 1, 1), SKD_OK);
+    assert_int_equal(make_large(SKD_VERTICES_MAX, 1), SKD_OK);
+    assert_int_equal(make_large(SKD_VERTICES_MAX + 1, 1), SKD_TOO_LARGE);
+    assert_int_equal(make_large(3, SKD_BONES_MAX - 1), SKD_OK);
+    assert_int_equal(make_large(3, SKD_BONES_MAX), SKD_OK);
+    assert_int_equal(make_large(3, SKD_BONES_MAX + 1), SKD_TOO_LARGE);
+}
+
 static void test_arrays_that_are_wrong(void **state)
 {
     (void)state;
@@ -672,6 +723,7 @@ int main(void)
         cmocka_unit_test(test_notes),
         cmocka_unit_test(test_rig_from_arrays),
         cmocka_unit_test(test_bend),
+        cmocka_unit_test(test_as_large_as_the_limits_say),
         cmocka_unit_test(test_arrays_that_are_wrong),
         cmocka_unit_test(test_arrays_that_are_mended),
     };
