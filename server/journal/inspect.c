@@ -69,7 +69,8 @@ static enum skd_status open_plain(const char *path, bool may_miss, int *fd, uint
     if (*fd < 0 && errno == ENOENT && may_miss)
         return SKD_OK;
     if (*fd < 0 && errno == ELOOP)
-        return skd_fail(error, SKD_FILE_IO, "\"%s\" is a symbolic link", path);
+        return skd_fail(error, SKD_FILE_IO, "\"%s\" is a symbolic link; name the file itself",
+                        path);
     if (*fd < 0)
         return skd_fail(error, errno == ENOENT ? SKD_NO_FILE : SKD_FILE_IO,
                         "\"%s\" cannot be opened: %s", path, strerror(errno));

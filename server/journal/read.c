@@ -358,8 +358,8 @@ enum skd_status skd_journal_read(const char *path, const char *aside, struct skd
         *session = reading->session;
     } else {
         skd_session_destroy(reading->session);
-        (void)skd_fail(error, status,
-                       status == SKD_DAMAGED ? "\"%s\" cannot be read: %s" : "%.0s%s", path,
+        bool is_named = status != SKD_DAMAGED || failure.text[0] == '"'; /* with its path */
+        (void)skd_fail(error, status, is_named ? "%.0s%s" : "\"%s\" cannot be read: %s", path,
                        failure.text);
     }
     finish(reading);

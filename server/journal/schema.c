@@ -4,40 +4,46 @@
 #include <stdio.h>
 #include <string.h>
 
+/* X(table, its columns in version 1, those that came later, in the words of ALTER TABLE) */
 #define SKD_TABLES(X)                                                                              \
-    X(session, "CREATE TABLE session(id INTEGER PRIMARY KEY, name TEXT, "                          \
-               "source TEXT, slots INTEGER, vertices INTEGER, bones INTEGER, rig_bytes INTEGER, "  \
-               "parts INTEGER, sheets INTEGER, revision INTEGER, reduced INTEGER, "                \
-               "filled INTEGER, empty INTEGER, cut REAL, measured INTEGER, mean REAL, most REAL, " \
-               "sum INTEGER)")                                                                     \
-    X(state, "CREATE TABLE state(id INTEGER PRIMARY KEY, instance TEXT, "                          \
-             "revision INTEGER, first INTEGER, position INTEGER, count INTEGER, exported "         \
-             "INTEGER, durability INTEGER, "                                                       \
-             "history_bytes INTEGER, chain INTEGER, sum INTEGER)")                                 \
-    X(chunks, "CREATE TABLE chunks(id INTEGER PRIMARY KEY, sum INTEGER, body BLOB)")               \
-    X(poses, "CREATE TABLE poses(id INTEGER PRIMARY KEY, name TEXT, matrices BLOB, sum INTEGER)")  \
-    X(named, "CREATE TABLE named(place INTEGER PRIMARY KEY, pose INTEGER, sum INTEGER)")           \
-    X(base_sheets, "CREATE TABLE base_sheets(id INTEGER PRIMARY KEY, kind INTEGER, pose INTEGER, " \
-                   "count INTEGER, sum INTEGER)")                                                  \
+    X(session,                                                                                     \
+      "id INTEGER PRIMARY KEY, name TEXT, source TEXT, slots INTEGER, vertices INTEGER, "          \
+      "bones INTEGER, rig_bytes INTEGER, parts INTEGER, sheets INTEGER, revision INTEGER, "        \
+      "reduced INTEGER, filled INTEGER, empty INTEGER, cut REAL, measured INTEGER, mean REAL, "    \
+      "most REAL, sum INTEGER",                                                                    \
+      "")                                                                                          \
+    X(state,                                                                                       \
+      "id INTEGER PRIMARY KEY, instance TEXT, revision INTEGER, first INTEGER, position INTEGER, " \
+      "count INTEGER, exported INTEGER, durability INTEGER, history_bytes INTEGER, "               \
+      "chain INTEGER, sum INTEGER",                                                                \
+      "")                                                                                          \
+    X(chunks, "id INTEGER PRIMARY KEY, sum INTEGER, body BLOB", "")                                \
+    X(poses, "id INTEGER PRIMARY KEY, name TEXT, matrices BLOB, sum INTEGER", "")                  \
+    X(named, "place INTEGER PRIMARY KEY, pose INTEGER, sum INTEGER", "")                           \
+    X(base_sheets,                                                                                 \
+      "id INTEGER PRIMARY KEY, kind INTEGER, pose INTEGER, count INTEGER, sum INTEGER", "")        \
     X(steps,                                                                                       \
-      "CREATE TABLE steps(id INTEGER PRIMARY KEY, cause INTEGER, client TEXT, "                    \
-      "user TEXT, client_id TEXT, count INTEGER, sheets INTEGER, vertices BLOB, weights BLOB, "    \
-      "joints BLOB, rest BLOB, sum INTEGER)")                                                      \
-    X(step_sheets, "CREATE TABLE step_sheets(id INTEGER PRIMARY KEY, kind INTEGER, pose INTEGER, " \
-                   "count INTEGER, vertices BLOB, rows BLOB)")                                     \
-    X(history, "CREATE TABLE history(place INTEGER PRIMARY KEY, step INTEGER, revision INTEGER, "  \
-               "chain INTEGER)")                                                                   \
-    X(guard, "CREATE TABLE guard(id INTEGER PRIMARY KEY, candidates INTEGER, count INTEGER, "      \
-             "body BLOB, sum INTEGER)")                                                            \
-    X(remembered, "CREATE TABLE remembered(id INTEGER PRIMARY KEY, client TEXT, "                  \
-                  "sequence INTEGER, revision INTEGER, answer TEXT, sum INTEGER)")                 \
-    X(sources, "CREATE TABLE sources(number INTEGER PRIMARY KEY, bytes INTEGER, sum INTEGER)")
+      "id INTEGER PRIMARY KEY, cause INTEGER, client TEXT, client_id TEXT, count INTEGER, "        \
+      "sheets INTEGER, vertices BLOB, weights BLOB, joints BLOB, rest BLOB, sum INTEGER",          \
+      ", user TEXT")                                                                               \
+    X(step_sheets,                                                                                 \
+      "id INTEGER PRIMARY KEY, kind INTEGER, pose INTEGER, count INTEGER, vertices BLOB, "         \
+      "rows BLOB",                                                                                 \
+      "")                                                                                          \
+    X(history, "place INTEGER PRIMARY KEY, step INTEGER, revision INTEGER, chain INTEGER", "")     \
+    X(guard, "id INTEGER PRIMARY KEY, candidates INTEGER, count INTEGER, body BLOB, sum INTEGER",  \
+      "")                                                                                          \
+    X(remembered,                                                                                  \
+      "id INTEGER PRIMARY KEY, client TEXT, sequence INTEGER, revision INTEGER, answer TEXT, "     \
+      "sum INTEGER",                                                                               \
+      "")                                                                                          \
+    X(sources, "number INTEGER PRIMARY KEY, bytes INTEGER, sum INTEGER", "")
 
 static const struct {
     const char *name;
     const char *sql;
 } tables[] = {
-#define SKD_TABLE_ENTRY(name, sql) {#name, sql},
+#define SKD_TABLE_ENTRY(name, first, later) {#name, "CREATE TABLE " #name "(" first later ")"},
     SKD_TABLES(SKD_TABLE_ENTRY)
 #undef SKD_TABLE_ENTRY
 };
@@ -46,9 +52,10 @@ enum { TABLE_COUNT = sizeof tables / sizeof *tables };
 
 /* What makes tables of version n + 1 out of those of version n. */
 static const char *const upgrades[SKD_JOURNAL_VERSION] = {
-#define SKD_TABLE_SQL(name, sql) sql ";"
-    SKD_TABLES(SKD_TABLE_SQL)
+#define SKD_TABLE_SQL(name, first, later) "CREATE TABLE " #name "(" first ");"
+    SKD_TABLES(SKD_TABLE_SQL),
 #undef SKD_TABLE_SQL
+    "ALTER TABLE steps ADD COLUMN user TEXT", /* the person who made a step */
 };
 
 int skd_schema_upgrade(sqlite3 *db, int version)

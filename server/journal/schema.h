@@ -1,14 +1,17 @@
 /* What is in a session's file: an SQLite database with these tables and nothing else.
  *
- *     session       one row: what stays (name, instance, source, sizes, reports); never changes
- *     state         one row: revision, where the history's boundary is; written with each step
- *     chunks        the large arrays in pieces: rig image, base weights, source files, ...
- *     poses         name and matrices, each pair once; base_sheets, named and step_sheets refer to
- * it named         the poses by name, in the order in which they were put base_sheets   pins and
- * shapes of the base (their rows are chunks) steps         what a step changed: vertices and the
- * values after it step_sheets   its pins and shapes history       the order of steps, and the
- * revision that each made guard         the guard's poses remembered    answers to give again
- *     sources       the files that the rig came from (their bytes are chunks)
+ * - session: one row: what stays (name, instance, source, sizes, reports); never changes
+ * - state: one row: revision, where the history's boundary is; written with each step
+ * - chunks: the large arrays in pieces: rig image, base weights, source files, ...
+ * - poses: name and matrices, each pair once; base_sheets, named and step_sheets refer to it
+ * - named: the poses by name, in the order in which they were put
+ * - base_sheets: pins and shapes of the base (their rows are chunks)
+ * - steps: what a step changed: vertices and the values after it
+ * - step_sheets: its pins and shapes
+ * - history: the order of steps, and the revision that each made
+ * - guard: the guard's poses
+ * - remembered: answers to give again
+ * - sources: the files that the rig came from (their bytes are chunks)
  *
  *     state of the session = base, then steps[0 .. position), in the order of `history`
  *     steps[position .. count) can be redone; steps[0 .. first) cannot be undone any more
@@ -30,7 +33,7 @@
 
 enum {
     SKD_JOURNAL_APPLICATION = 0x736b696e, /* "skin" */
-    SKD_JOURNAL_VERSION = 1,              /* of the tables; SQLite's user_version */
+    SKD_JOURNAL_VERSION = 2,              /* of the tables; SQLite's user_version */
 };
 
 /* Brings the tables of `version` (0: an empty database) to SKD_JOURNAL_VERSION. SQLite's result. */

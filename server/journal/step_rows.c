@@ -21,8 +21,9 @@ static uint64_t step_sum(const struct skd_step *step, size_t sheet_count)
 {
     size_t slots = (size_t)step->slot_count;
     const struct skd_author *author = &step->author;
-    uint64_t sum = skd_sum_text(skd_sum_text(step->cause, author->client), author->user);
-    sum = skd_sum_text(sum, author->id);
+    uint64_t sum = skd_sum_text(skd_sum_text(step->cause, author->client), author->id);
+    if (author->user[0] != '\0') /* version 1 knew none */
+        sum = skd_sum_text(sum, author->user);
     sum = skd_sum_number(skd_sum_number(sum, step->count), sheet_count);
     sum = skd_sum_number(sum, (step->joints_after != NULL ? 1u : 0u) +
                                   (step->rest_after != NULL ? 2u : 0u));
@@ -87,16 +88,16 @@ static enum skd_status write_step(struct skd_store *store, uint64_t id, const st
     int bound = skd_bind_number(row, 1, id);
     bound |= skd_bind_number(row, 2, step->cause);
     bound |= skd_bind_text(row, 3, step->author.client);
-    bound |= skd_bind_text(row, 4, step->author.user);
-    bound |= skd_bind_text(row, 5, step->author.id);
-    bound |= skd_bind_number(row, 6, step->count);
-    bound |= skd_bind_number(row, 7, sheet_count);
-    bound |= skd_bind_array(row, 8, step->vertices, step->count * sizeof *step->vertices);
-    bound |= skd_bind_array(row, 9, step->after, step->count * row_bytes);
-    bound |= bind_optional(row, 10, step->joints_after,
+    bound |= skd_bind_text(row, 4, step->author.id);
+    bound |= skd_bind_number(row, 5, step->count);
+    bound |= skd_bind_number(row, 6, sheet_count);
+    bound |= skd_bind_array(row, 7, step->vertices, step->count * sizeof *step->vertices);
+    bound |= skd_bind_array(row, 8, step->after, step->count * row_bytes);
+    bound |= bind_optional(row, 9, step->joints_after,
                            step->count * (size_t)step->slot_count * sizeof(uint16_t));
-    bound |= bind_optional(row, 11, step->rest_after, step->count * 3 * sizeof(float));
-    bound |= skd_bind_number(row, 12, sum);
+    bound |= bind_optional(row, 10, step->rest_after, step->count * 3 * sizeof(float));
+    bound |= skd_bind_number(row, 11, sum);
+    bound |= skd_bind_text(row, 12, step->author.user);
     return skd_store_run(store, row, bound, error);
 }
 

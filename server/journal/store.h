@@ -39,8 +39,8 @@
     X(BASE_SHEETS_READ, "SELECT pose FROM base_sheets")                                            \
     X(STEP_WRITE, "INSERT INTO steps VALUES(?,?,?,?,?,?,?,?,?,?,?,?)")                             \
     X(STEP_READ,                                                                                   \
-      "SELECT cause, client, user, client_id, count, sheets, vertices, weights, joints, "          \
-      "rest, sum FROM steps WHERE id=?")                                                           \
+      "SELECT cause, client, coalesce(user, ''), client_id, count, sheets, vertices, weights, "    \
+      "joints, rest, sum FROM steps WHERE id=?")                                                   \
     X(STEP_SUMS_READ, "SELECT id, sum FROM steps ORDER BY id")                                     \
     X(STEP_DELETE, "DELETE FROM steps WHERE id=?")                                                 \
     X(STEP_SHEET_WRITE, "INSERT INTO step_sheets VALUES(?,?,?,?,?,?)")                             \

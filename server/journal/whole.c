@@ -216,6 +216,9 @@ enum skd_status skd_journal_write(const char *path, struct skd_session *session,
     status = skd_store_open(&whole->store, temporary, SKD_STORE_NEW, NULL, error);
     if (status == SKD_OK)
         status = write_all(whole, session, identity, poses, pose_count, error);
+    if (status == SKD_FILE_IO) /* in the words of who wants it, who knows of no temporary file */
+        (void)skd_fail(error, status, "\"%s\" cannot be written: %s", path,
+                       sqlite3_errmsg(whole->store.db));
     skd_store_drop_log(&whole->store);
     skd_store_close(&whole->store);
     if (status == SKD_OK)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
 import shutil
 import signal
+import sqlite3
 import stat
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -294,7 +295,7 @@ def test_the_state_folder_is_ours_alone(start, folder) -> None:
     assert "symlink" in refused.log.read_text()
 
 
-@contextmanager
+@contextlib.contextmanager
 def full_disk(daemon):
     """The daemon's files may not grow; yields how to make room again."""
     limits = resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE)
@@ -389,8 +390,30 @@ def test_a_full_disk_leaves_the_saved_file(start, folder) -> None:
         assert [entry.name for entry in folder.glob("saved*")] == ["saved.skind"]
 
 
+def test_an_older_file_is_brought_up_to_date(start, folder) -> None:
+    """Version 1 did not know the person who made a step."""
+    state = state_of(folder)
+    daemon = start("--state", str(state))
+    with daemon.link() as link:
+        make(link)
+        stroke(link, 1)
+        before = contents(link)
+    daemon.stop()
+    [path] = state.glob("*.skind")
+    with contextlib.closing(sqlite3.connect(path)) as file:
+        file.executescript("alter table steps drop column user; pragma user_version = 1")
+    daemon = start("--state", str(state))
+    with daemon.link() as link:
+        assert contents(link) == before
+        assert "damage" not in link.call("session.info", {"session": "sheet"})
+        link.call("history.undo", {"session": "sheet", "own": False})
+    daemon.stop()
+    [path] = state.glob("*.skind")
+    with contextlib.closing(sqlite3.connect(path)) as file:
+        assert file.execute("pragma user_version").fetchone() == (2,)
+
+
 def test_a_newer_file_is_refused_unharmed(start, folder) -> None:
-    import sqlite3
     state = state_of(folder)
     daemon = start("--state", str(state))
     with daemon.link() as link:
@@ -398,9 +421,8 @@ def test_a_newer_file_is_refused_unharmed(start, folder) -> None:
         stroke(link, 1)
     daemon.stop()
     [path] = state.glob("*.skind")
-    with sqlite3.connect(path) as file:
+    with contextlib.closing(sqlite3.connect(path)) as file:
         file.execute("pragma user_version = 99")
-    file.close()
     before = path.read_bytes()
     daemon = start("--state", str(state))
     with daemon.link() as link:

@@ -674,29 +674,41 @@ static void newer_files_are_left_unharmed(void **state)
     world_end(&world);
 }
 
-/* Version 0 is a file without tables: bringing it up to date makes them, in memory. */
+/* What version 1 had: no column for the person who made a step. */
+static void make_version_1(const struct world *world)
+{
+    execute(world->path, "ALTER TABLE steps DROP COLUMN user; PRAGMA user_version=1");
+}
+
 static void older_files_are_brought_up_to_date(void **state)
 {
     (void)state;
     static struct world world;
-    sqlite3 *db;
-    bool is_ours = false;
+    struct skd_session *read = NULL;
+    struct skd_journal_report report;
     world_start(&world, 24, 80, 3, 4);
-    assert_int_equal(sqlite3_open(":memory:", &db), SQLITE_OK);
-    assert_int_equal(skd_schema_check(db, &is_ours), SQLITE_OK);
-    assert_false(is_ours);
-    assert_int_equal(skd_schema_upgrade(db, 0), SQLITE_OK);
-    assert_int_equal(skd_schema_check(db, &is_ours), SQLITE_OK);
-    assert_true(is_ours);
-    assert_int_equal(sqlite3_close(db), SQLITE_OK);
+    for (int i = 0; i < 6; i++)
+        world_step(&world, 5, 0);
+    const struct skd_history *history = &world.session->history;
+    for (size_t i = 0; i < history->count; i++)
+        history->steps[i]->author.user[0] = '\0';
     world_write(&world);
-    execute(world.path, "PRAGMA user_version=0");
+    make_version_1(&world);
     struct bytes before = take_file(world.path, "");
-    assert_int_equal(try_read(world.path), SKD_DAMAGED); /* its tables are there already */
+    assert_int_equal(skd_journal_read(world.path, NULL, &read, &report, NULL), SKD_OK);
     struct bytes after = take_file(world.path, "");
-    assert_memory_equal(after.data, before.data, before.count);
+    assert_memory_equal(after.data, before.data, before.count); /* reading leaves it as it is */
+    assert_true(report.rewrite);
+    assert_false(report.cut);
+    assert_true(random_digest(read) == world.digests[read->revision]);
+    assert_int_equal(read->history.count, history->count);
+    assert_string_equal(read->history.steps[0]->author.client, history->steps[0]->author.client);
+    assert_string_equal(read->history.steps[0]->author.user, "");
+    skd_session_destroy(read);
     free(before.data);
     free(after.data);
+    execute(world.path, "PRAGMA user_version=0"); /* which has no tables */
+    assert_int_equal(try_read(world.path), SKD_DAMAGED);
     world_end(&world);
 }
 
