@@ -177,23 +177,26 @@ static void on_look(uv_timer_t *timer)
     const bool writes = skd_send_queue_bytes(&connection->queue) > 0;
     const size_t unread = skd_send_queue_unread(&connection->queue);
     if (!writes || unread < connection->unread_seen)
-        connection->progress_ms = now_ms(connection);
+        connection->looks_in_vain = 0;
+    else
+        connection->looks_in_vain++;
     connection->unread_seen = unread;
     if (waits_for_room)
         free_room(connection);
-    if (writes && now_ms(connection) - connection->progress_ms >= connection->net->stall_ms)
+    if (connection->looks_in_vain >= LOOKS_PER_STALL)
         drop_stalled(connection);
     else if (!writes && !waits_for_room)
         uv_timer_stop(timer);
 }
 
-/* Looks at the connection now and then until nothing waits. */
+/* Looks at the connection now and then until nothing waits. Looks are counted and not time: where
+ * this process stood still for long itself, its clients did not. */
 static void look_after(struct skd_connection *connection)
 {
     const uint64_t every_ms = connection->net->stall_ms / LOOKS_PER_STALL;
     if (connection->draining || uv_is_active((uv_handle_t *)&connection->timer))
         return;
-    connection->progress_ms = now_ms(connection);
+    connection->looks_in_vain = 0;
     connection->unread_seen = 0;
     uv_timer_start(&connection->timer, on_look, every_ms, every_ms);
 }
@@ -337,7 +340,7 @@ static void on_written(void *user, int status)
         skd_connection_close(connection);
         return;
     }
-    connection->progress_ms = now_ms(connection);
+    connection->looks_in_vain = 0;
     if (!skd_connection_full(connection))
         skd_connection_unhold(connection, SKD_HOLD_WRITES);
     if (skd_connection_idle(connection))

@@ -71,8 +71,8 @@ struct skd_connection {
     struct skd_frame_reader reader;
     struct skd_room_share share;
     struct skd_send_queue queue;
-    size_t unread_seen;   /* of what was sent, when it was looked at last */
-    uint64_t progress_ms; /* when the peer had last read something, or nothing waited */
+    size_t unread_seen; /* of what was sent, when it was looked at last */
+    int looks_in_vain;  /* since the peer had read something, or nothing waited */
     unsigned holds;
     int unanswered;
     int open_handles;

@@ -14,7 +14,7 @@ from typing import Callable, Iterator
 import pytest
 import rigs
 from core import Link, SkindError
-from daemons import Daemon
+from daemons import BIN, Daemon
 from test_durability import contents, make, stroke
 
 CLOSED = 32  # that are remembered
@@ -232,6 +232,36 @@ def test_a_damaged_file_on_a_full_disk(start, disk) -> None:
         daemon.stop(signal.SIGKILL)
     with start("--state", str(state)).link() as link:
         assert names(link) == {}
+
+
+def test_a_full_disk_leaves_what_was_saved_and_exported(start, folder, disk) -> None:
+    subprocess.run([BIN / "skinctl", "generate", "--vertices", "20000", folder / "body.glb"],
+                   check=True, capture_output=True, timeout=60)
+    for name in ("body.skind", "body.glb"):
+        (disk / name).write_bytes(b"old")
+    with start().link() as link:
+        link.call("session.create", {"file": str(folder / "body.glb"), "name": "body"})
+        filler = fill(disk)
+        filler.write_bytes(filler.read_bytes()[:-500_000])
+        for method, name in (("save", "body.skind"), ("export", "body.glb")):
+            with pytest.raises(SkindError) as refused:
+                link.call(f"session.{method}", {"session": "body", "path": str(disk / name)})
+            assert refused.value.name == "file_io"
+            assert name in refused.value.message and ".tmp" not in refused.value.message
+            assert (disk / name).read_bytes() == b"old"
+    assert sorted(path.name for path in disk.iterdir()) == ["body.glb", "body.skind", "fill"]
+
+
+def test_a_file_that_cannot_be_opened_is_named_once(daemon, folder) -> None:
+    rubbish = folder / "rubbish.skind"
+    rubbish.write_bytes(b"rubbish" * 1000)
+    (folder / "link.skind").symlink_to(rubbish)
+    with daemon.link() as link:
+        for path, words in ((rubbish, "no session's file"),
+                            (folder / "link.skind", "name the file")):
+            with pytest.raises(SkindError) as refused:
+                link.call("session.open", {"path": str(path)})
+            assert refused.value.message.count(str(path)) == 1 and words in refused.value.message
 
 
 # ---- what people do to the folder ----------------------------------------------------------------

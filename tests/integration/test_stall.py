@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import socket
 import struct
 import time
@@ -164,6 +165,19 @@ def test_one_that_reads_slowly_stays(hasty) -> None:
         while data.count(b'"revision":') < 3:
             data += slow.socket.recv(1 << 20)
         assert b'"bye"' not in data
+
+
+def test_a_daemon_that_stood_still_drops_nobody(hasty) -> None:
+    with hasty.link() as other, reader(hasty) as slow:
+        ask(slow, "weights.get", 3)
+        data = slow.socket.recv(1 << 20)
+        hasty.process.send_signal(signal.SIGSTOP)
+        time.sleep(2 * STALL_SECONDS)
+        hasty.process.send_signal(signal.SIGCONT)
+        other.call("ping")
+        while data.count(b'"revision":') < 3:
+            data += slow.socket.recv(1 << 20)
+        assert b'"bye"' not in data and "reads nothing" not in hasty.log.read_text()
 
 
 def test_an_idle_client_is_not_a_stalled_one(hasty) -> None:
