@@ -208,18 +208,22 @@ static bool is_whole(struct log *log, const uint8_t *frame)
     return sums_are(log, frame + 16);
 }
 
-/* Whether the frames from the first that is not whole show that more was written. */
+/* Whether the frames from the first that is not whole (at) show that a transaction was committed
+ * behind it. Without that it may be one that a process died in: SQLite writes a page anew in the
+ * place that it has in the log, and corrects the sums that follow only when it commits. A frame
+ * that commits tells the pages of the whole file. */
 static enum skd_status look_behind(const struct log *log, uint64_t at, uint8_t *frame,
                                    bool *is_torn, struct skd_error *error)
 {
     static const uint8_t zeros[FRAME_HEAD_BYTES];
-    size_t ours = 0;
+    const uint64_t first = at;
     for (; at + log->frame_bytes <= log->bytes && !*is_torn; at += log->frame_bytes) {
         enum skd_status status = read_all(log->fd, frame, FRAME_HEAD_BYTES, at, log->path, error);
         if (status != SKD_OK)
             return status;
-        ours += memcmp(frame + 8, log->salts, sizeof log->salts) == 0;
-        *is_torn = ours > 1 || memcmp(frame, zeros, sizeof zeros) == 0;
+        bool commits =
+            big_endian(frame + 4) != 0 && memcmp(frame + 8, log->salts, sizeof log->salts) == 0;
+        *is_torn = (commits && at > first) || memcmp(frame, zeros, sizeof zeros) == 0;
     }
     return SKD_OK;
 }

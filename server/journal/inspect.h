@@ -30,8 +30,9 @@ SKD_MUST_CHECK enum skd_status skd_inspect(const char *path, struct skd_inspecti
 /* SKD_NEWER, with the sentence. */
 enum skd_status skd_inspect_newer(const char *path, int version, struct skd_error *error);
 
-/* Whether the log holds more that was written than SQLite will read: a frame that is not whole,
- * with others of the same log after it. One such frame at the end is what a kill leaves behind.
+/* Whether the log holds more that was committed than SQLite will read: a frame that is not whole,
+ * with the end of a transaction of the same log after it, or zeros. Without these it is what a kill
+ * leaves behind.
  * Errors: SKD_FILE_IO, SKD_NO_MEMORY. */
 SKD_MUST_CHECK enum skd_status skd_inspect_log(const char *path, bool *is_torn,
                                                struct skd_error *error);

@@ -109,6 +109,8 @@ static enum skd_status replay_step(struct reading *reading, size_t place, uint64
         return status;
     *chain = skd_history_chain(*chain, place, row);
     step->revision = row->revision;
+    if (reading->has_state && place < reading->state.first)
+        reading->report->spent += skd_step_bytes(step) / 2; /* one side of it is in the file */
     status = *chain == row->chain ? skd_session_replay(reading->session, step, error)
                                   : skd_fail(error, SKD_DAMAGED, "a step is out of order");
     skd_step_release(step);

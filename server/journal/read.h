@@ -17,6 +17,7 @@ struct skd_journal_report {
     char instance[SKD_INSTANCE_BYTES + 1]; /* that the file was written for; "" where not known */
     size_t steps;   /* in the file, those that can no longer be undone too */
     uint64_t bytes; /* of the file and its log */
+    uint64_t spent; /* of these, about what steps take that can no longer be undone */
     bool cut;       /* something was lost */
     bool rewrite;   /* the file is to be written anew before it is appended to: it is cut, of an
                        older version, or not sound within */

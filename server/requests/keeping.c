@@ -74,22 +74,27 @@ static void append_poses(struct skd_live *live)
     }
 }
 
-bool skd_keeping_reopen(struct skd_daemon *daemon, struct skd_live *live)
+static enum skd_status open_file(struct skd_daemon *daemon, struct skd_live *live,
+                                 struct skd_journal_file **file, struct skd_error *error)
 {
     char path[SKD_STATE_PATH_BYTES];
+    enum skd_status status =
+        skd_state_path(daemon->keeping.folder, SKD_STATE_OPEN, live->file, path, error);
+    if (status != SKD_OK)
+        return status;
+    return skd_journal_open(daemon->keeping.journal, path, live->session->durability,
+                            live->session->instance, live, file, error);
+}
+
+bool skd_keeping_reopen(struct skd_daemon *daemon, struct skd_live *live)
+{
     struct skd_error error;
     bool poses_changed = live->poses_changed;
-    enum skd_status status =
-        skd_state_path(daemon->keeping.folder, SKD_STATE_OPEN, live->file, path, &error);
-    if (status == SKD_OK)
-        status = skd_journal_open(daemon->keeping.journal, path, live->session->durability,
-                                  live->session->instance, live, &live->journal, &error);
-    if (status != SKD_OK) {
+    if (open_file(daemon, live, &live->journal, &error) != SKD_OK) {
         live->journal = NULL;
         skd_keeping_suspend(daemon, live, error.text);
         return false;
     }
-    live->file_bytes = skd_journal_bytes(live->journal);
     live->poses_changed = false;
     if (poses_changed)
         append_poses(live);
@@ -125,8 +130,8 @@ void skd_keeping_begin(struct skd_daemon *daemon, struct skd_live *live,
     memcpy(live->file, file, sizeof live->file);
     if (failure != NULL)
         skd_keeping_suspend(daemon, live, failure->text);
-    else
-        (void)skd_keeping_reopen(daemon, live);
+    else if (skd_keeping_reopen(daemon, live))
+        live->file_bytes = skd_journal_bytes(live->journal);
 }
 
 /* The file is where it is to be. */
@@ -173,11 +178,16 @@ void skd_keeping_end(struct skd_daemon *daemon, struct skd_live *live, enum skd_
         end == SKD_KEEPING_CLOSED && live->session != NULL && live->session->history.count > 0;
     if (keeps && skd_state_path(folder, SKD_STATE_CLOSED, live->file, target, &error) != SKD_OK)
         keeps = false;
+    /* Closed while its file was away, and could not be taken up again: it is moved all the same. */
+    if (journal == NULL && keeps && live->file[0] != '\0' &&
+        open_file(daemon, live, &journal, &error) != SKD_OK)
+        skd_log(SKD_LOG_ERROR, "session \"%s\" is closed, but will be open at the next start: %s",
+                live->name, error.text);
     if (journal != NULL) {
         skd_journal_close(journal, end == SKD_KEEPING_STAYS ? NULL : target, ended, live);
         return;
     }
-    if (end == SKD_KEEPING_REMOVED && live->file[0] != '\0' &&
+    if (end != SKD_KEEPING_STAYS && !keeps && live->file[0] != '\0' &&
         skd_state_path(folder, SKD_STATE_OPEN, live->file, path, &error) == SKD_OK)
         skd_state_remove(path);
     if (end == SKD_KEEPING_STAYS && live->suspended)

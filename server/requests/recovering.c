@@ -133,6 +133,9 @@ static void open_session(struct skd_daemon *daemon, struct recovering *item)
     live->session = item->session;
     live->durable_revision = item->session->revision;
     skd_keeping_begin(daemon, live, item->file.name, item->status != SKD_OK ? &item->error : NULL);
+    if (!item->report.rewrite)
+        live->file_bytes -=
+            live->file_bytes < item->report.spent ? live->file_bytes : item->report.spent;
     skd_log(SKD_LOG_INFO, "session \"%s\" is open again at revision %llu", live->name,
             (unsigned long long)live->session->revision);
 }

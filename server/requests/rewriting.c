@@ -40,10 +40,11 @@ static void replace(struct skd_daemon *daemon, struct skd_live *live,
         skd_state_path(daemon->keeping.folder, SKD_STATE_OPEN, live->file, old, &error) != SKD_OK)
         old[0] = '\0';
     memcpy(live->file, rewriting->file, sizeof live->file);
-    if (!skd_keeping_reopen(daemon, live))
-        return;
     if (old[0] != '\0')
         skd_state_remove(old);
+    if (!skd_keeping_reopen(daemon, live))
+        return;
+    live->file_bytes = skd_journal_bytes(live->journal);
     if (was_suspended)
         skd_keeping_resume(daemon, live);
 }

@@ -51,7 +51,7 @@ struct skd_live {
     /* The session's file; NULL where it has none, and while it is away (requests/keeping.h). */
     struct skd_journal_file *journal;
     char file[SKD_STATE_FILE_BYTES]; /* its name in the state folder; "": none */
-    uint64_t file_bytes;             /* when it was last written whole */
+    uint64_t file_bytes;             /* that it had when it was last written whole, about */
     bool away;                       /* closed for a moment, to be verified or written anew */
     enum skd_keeping_end end;        /* what is to become of it then, once the session is closed */
     bool suspended;                  /* it could not be written */

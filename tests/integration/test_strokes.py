@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 
 import numpy as np
 import pytest
@@ -130,6 +131,18 @@ def test_undo_and_redo_to_the_bit(daemon) -> None:
         assert info["revision"] == 30 and info["undo_steps"] == 10
 
 
+def updates_until(link, revision: int) -> list[dict]:
+    """What session.update tells, until it tells this revision."""
+    seen: list[dict] = []
+    deadline = time.monotonic() + 20
+    while not seen or seen[-1]["revision"] < revision:
+        assert time.monotonic() < deadline, f"only {seen} came"
+        link.pump(0.01)
+        seen += [note.params for note in link.notifications if note.method == "session.update"]
+        link.notifications.clear()
+    return seen
+
+
 @pytest.mark.parametrize("lines", [False, True])
 def test_others_hear_of_each_change(daemon, lines) -> None:
     with daemon.link("artist") as artist, daemon.link("viewer", lines=lines) as viewer:
@@ -144,11 +157,11 @@ def test_others_hear_of_each_change(daemon, lines) -> None:
             artist.call("stroke.apply", {"session": "sheet", "pose": "bent",
                                          "vertices": vertices, "positions": targets})
         artist.call("history.undo", {"session": "sheet"})
-        viewer.call("ping")
-        seen = [note.params for note in viewer.notifications]
-        assert [note["revision"] for note in seen] == [1, 2, 3, 4]
-        assert [note["cause"] for note in seen] == ["stroke", "stroke", "stroke", "undo"]
-        assert {note["client"] for note in seen} == {"artist"}
+        seen = updates_until(viewer, 4)
+        told = [change for note in seen for change in note.get("changes", [note])]
+        assert [change["revision"] for change in told] == [1, 2, 3, 4]
+        assert [change["cause"] for change in told] == ["stroke", "stroke", "stroke", "undo"]
+        assert {change["client"] for change in told} == {"artist"}
         for note in seen:
             mirror[np.asarray(note["vertices"])] = note["weights"]
         np.testing.assert_array_equal(mirror.astype(np.float32), everything(artist)[1])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 import signal
 import time
 from pathlib import Path
@@ -10,7 +12,12 @@ import numpy as np
 import pytest
 import rigs
 from core import SkindError
+from daemons import BIN
+from torture import yard as torture
+from torture.figures.faults import MEMORY, Control
+from torture.work import answer_of
 
+IS_SANITIZED = re.search(b"__[at]san_init", (BIN / "skind").read_bytes()) is not None
 GONE = {"session": "nobody"}
 SOME = {"vertices": np.array([0], np.uint32)}
 # Each method that works on a session, with what it cannot do without.
@@ -66,3 +73,43 @@ def test_it_stops_with_sessions_that_are_kept(start) -> None:
     began = time.monotonic()
     assert daemon.stop() == 0
     assert time.monotonic() - began < 10
+
+
+def verify_and_close(daemon: torture.Daemon, control: Control, number: int) -> int:
+    """Both at once, on a session of their own, while the n-th allocation fails (0: none). Returns
+    how many there were."""
+    who = {"session": f"s{number}"}
+    with daemon.link(timeout=2) as link:
+        link.call("session.create", {"name": who["session"], **rigs.sheet(16)})
+        link.call("stroke.apply", {**who, "pose": "rest", **SOME,
+                                   "positions": np.ones((1, 3), np.float32)})
+        control.arm(MEMORY, number, 1, 0)
+        asked = [link.send(method, who) for method in ("session.verify", "session.close")]
+        try:
+            errors = [answer_of(link, id)[1] for id in asked]
+        except (ConnectionError, TimeoutError):  # not even read, for want of memory
+            errors = ["no_memory"] * 2
+        control.disarm()
+    assert set(errors) <= {"", "no_memory", "file_io"}
+    if errors[1]:
+        with daemon.link() as link, contextlib.suppress(SkindError):
+            link.call("session.close", who)
+    return control.counted()[0]
+
+
+@pytest.mark.skipif(IS_SANITIZED, reason="a sanitizer has malloc for itself")
+def test_a_session_closed_while_it_is_verified_stays_closed(folder: Path) -> None:
+    """Its file was away, could not be taken up again for want of memory, and was left open."""
+    control = Control(folder / "control")
+    daemon = torture.Daemon(folder, environment={
+        "LD_PRELOAD": str(BIN / "libfaults.so"), "SKIND_FAULTS": str(folder / "control")}).start()
+    allocations = verify_and_close(daemon, control, 0)
+    # Before these the requests themselves are read, after them the file is closed.
+    for number in range(allocations // 2, allocations * 2 // 3):
+        verify_and_close(daemon, control, number)
+    with daemon.link() as link:
+        assert link.call("session.list")["sessions"] == []
+    daemon.kill()
+    with daemon.start().link() as link:
+        assert link.call("session.list")["sessions"] == []
+    daemon.stop()

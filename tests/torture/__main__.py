@@ -14,10 +14,11 @@ import resource
 import sys
 import time
 import traceback
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import ROOT
-from .figures import FIGURES, GROUPS
+from .figures import FIGURES, PARTS, QUICK_SECONDS, Part
 from .yard import Failed, Yard
 
 
@@ -29,24 +30,27 @@ def describe_machine() -> str:
             f"{platform.system()} {platform.release()}")
 
 
-def torture(yard: Yard, keys: set[str]) -> tuple[dict, dict]:
-    """(values by key, why others are missing)."""
-    values: dict = {}
-    missing: dict[str, str] = {}
-    for group in GROUPS:
-        wanted = [figure.key for figure in group.figures if figure.key in keys]
-        if not wanted:
-            continue
+@dataclass
+class Run:
+    """What was measured so far."""
+
+    values: dict = field(default_factory=dict)  # by key
+    missing: dict[str, str] = field(default_factory=dict)  # why others were not
+    seconds: dict[str, float] = field(default_factory=dict)  # by part
+
+    def measure(self, yard: Yard, part: Part, keys: set[str]) -> None:
+        wanted = [figure.key for figure in part.figures if figure.key in keys]
+        began = time.monotonic()
         yard.say(", ".join(wanted))
         try:
-            found = group.measure(yard, yard.pick(group.seconds, group.quick_seconds))
-            values.update({key: found.get(key) for key in wanted})
+            found = part.measure(yard, yard.pick(part.seconds, part.quick_seconds))
+            self.values.update({key: found[key] for key in wanted})
         except Failed as failure:
-            missing.update(dict.fromkeys(wanted, str(failure)))
+            self.missing.update(dict.fromkeys(wanted, str(failure)))
         except Exception as error:  # one figure's trouble must not hide the others
             traceback.print_exc()
-            missing.update(dict.fromkeys(wanted, f"{type(error).__name__}: {error}"))
-    return values, missing
+            self.missing.update(dict.fromkeys(wanted, f"{type(error).__name__}: {error}"))
+        self.seconds[part.name] = round(time.monotonic() - began, 1)
 
 
 def tell(value: object) -> str:
@@ -55,48 +59,63 @@ def tell(value: object) -> str:
     return value if isinstance(value, str) else f"{value:,.4g}" if value < 100 else f"{value:,.0f}"
 
 
-def closing_table(values: dict, missing: dict, keys: set[str], quick: bool) -> tuple[str, bool]:
-    lines, good = [f"{'figure':25} {'reached':>12} {'wanted':>10}"], True
-    for figure in FIGURES:
-        if figure.key not in keys:
-            continue
-        value = values.get(figure.key)
-        reached = figure.is_reached(value, quick)
-        good &= reached
-        state = "ok" if reached else "missed"
-        if figure.key in missing:
-            state = f"failed: {missing[figure.key]}"
-        lines.append(f"{figure.key:25} {tell(value):>12} {figure.wanted(quick):>10}  {state}")
-    return "\n".join(lines), good
+def closing_table(results: dict) -> str:
+    lines = [f"{'figure':25} {'reached':>12} {'wanted':>10}"]
+    for key, bound in results["bounds"].items():
+        why = results["missing"].get(key)
+        state = f"failed: {why}" if why else "ok" if bound["holds"] else "missed"
+        lines.append(f"{key:25} {tell(results[key]):>12} {bound['wanted']:>10}  {state}")
+    return "\n".join([*lines, f"on {results['machine']}"])
+
+
+def parse_arguments() -> tuple[argparse.Namespace, set[str]]:
+    """The arguments, and the keys that are asked for."""
+    keys = {part.name: {figure.key for figure in part.figures} for part in PARTS}
+    every = set().union(*keys.values())
+    parser = argparse.ArgumentParser(prog="./run torture", description=__doc__)
+    parser.add_argument("--quick", action="store_true",
+                        help=f"a little of everything: at most {QUICK_SECONDS / 60:.0f} minutes")
+    parser.add_argument("--only", metavar="NAME,...",
+                        help=f"only these figures, or these parts: {', '.join(keys)}")
+    parser.add_argument("--out", default=str(ROOT / "out" / "torture"), help="folder written to")
+    arguments = parser.parse_args()
+    if not arguments.only:
+        return arguments, every
+    names = arguments.only.split(",")
+    unknown = [name for name in names if name not in keys and name not in every]
+    if unknown:
+        parser.error(f"there is no figure or part {', '.join(unknown)}")
+    return arguments, set().union(*(keys.get(name, {name}) for name in names))
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="./run torture", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="a little of everything: 3 minutes")
-    parser.add_argument("--only", metavar="KEY,...", help="only these figures")
-    parser.add_argument("--out", default=str(ROOT / "out" / "torture"), help="folder written to")
-    arguments = parser.parse_args()
-    keys = {figure.key for figure in FIGURES}
-    if arguments.only:
-        unknown = set(arguments.only.split(",")) - keys
-        if unknown:
-            parser.error(f"there is no figure {', '.join(sorted(unknown))}")
-        keys = set(arguments.only.split(","))
+    arguments, keys = parse_arguments()
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))  # a thousand clients are one process
-    began = time.monotonic()
+    run, began = Run(), time.monotonic()
     with Yard(arguments.quick) as yard:
-        values, missing = torture(yard, keys)
+        for part in PARTS:
+            if any(figure.key in keys for figure in part.figures):
+                run.measure(yard, part, keys)
         yard.say("done")
+    run.values["seconds"] = round(time.monotonic() - began, 1)
+    figures = [figure for figure in FIGURES if figure.key in keys | {"seconds"}]
+    results = {
+        **{figure.key: run.values.get(figure.key) for figure in figures},
+        "bounds": {figure.key: {
+            "wanted": figure.wanted(arguments.quick),
+            "holds": figure.is_reached(run.values.get(figure.key), arguments.quick)}
+            for figure in figures},
+        "missing": run.missing,
+        "quick": arguments.quick,
+        "part_seconds": run.seconds,
+        "machine": describe_machine(),
+    }
     folder = Path(arguments.out)
     folder.mkdir(parents=True, exist_ok=True)
-    results = {figure.key: values.get(figure.key) for figure in FIGURES if figure.key in keys}
-    results["machine"] = describe_machine()
     (folder / "results.json").write_text(json.dumps(results, indent=1) + "\n")
-    text, good = closing_table(values, missing, keys, arguments.quick)
-    print(text)
-    print(f"{time.monotonic() - began:.0f} s on {results['machine']}")
-    return 0 if good else 1
+    print(closing_table(results))
+    return 0 if all(bound["holds"] for bound in results["bounds"].values()) else 1
 
 
 if __name__ == "__main__":

@@ -28,11 +28,13 @@ def create(link: Link, name: str, vertices: int = 400, **options: object) -> dic
 class Recipe:
     """Random requests on one session, the same for the same seed, whatever the daemon answers.
 
-    `positions` is its rest surface, near which targets are put.
+    `positions` is its rest surface, near which targets are put; a stroke has at most `brush`
+    vertices.
     """
 
-    def __init__(self, session: str, vertices: int, seed: int) -> None:
+    def __init__(self, session: str, vertices: int, seed: int, brush: int = 60) -> None:
         self.session = session
+        self.most = min(brush, vertices)
         self.positions = rigs.sheet(vertices)["positions"]
         self.random = random.Random(seed)
         self.numpy = np.random.default_rng(seed)
@@ -42,7 +44,7 @@ class Recipe:
         count = len(self.positions)
         centre = self.random.randrange(count)
         near = np.argsort(np.square(self.positions - self.positions[centre]).sum(1))
-        some = np.sort(near[:self.random.randrange(1, min(60, count))]).astype(np.uint32)
+        some = np.sort(near[:self.random.randrange(1, self.most)]).astype(np.uint32)
         move = self.numpy.normal(0, 0.02, (len(some), 3))
         return {"vertices": some, "positions": (self.positions[some] + move).astype(np.float32)}
 

@@ -22,6 +22,9 @@ BUILD = Path(os.environ.get("SKIND_BUILD", ROOT / "build" / "release"))
 BIN = BUILD / "bin"
 START_SECONDS = 30.0
 TICK = os.sysconf("SC_CLK_TCK")
+# Gives free memory back at once, so that what is resident is what a daemon holds.
+LEAN_ALLOCATOR = {"MALLOC_ARENA_MAX": "1", "MALLOC_TRIM_THRESHOLD_": "65536",
+                  "MALLOC_MMAP_THRESHOLD_": "131072"}
 
 
 class Failed(Exception):
@@ -31,6 +34,21 @@ class Failed(Exception):
 def expect(condition: object, why: str) -> None:
     if not condition:
         raise Failed(why)
+
+
+class Failures:
+    """What was found wrong in the cases of a figure: all are counted, the first ones told."""
+
+    TOLD = 20
+
+    def __init__(self, yard: "Yard") -> None:
+        self._yard = yard
+        self.count = 0
+
+    def add(self, why: str) -> None:
+        self.count += 1
+        if self.count <= self.TOLD:
+            self._yard.say(f"  {why}")
 
 
 def greet(path: Path, client_id: str, timeout: float = 60.0) -> Link:
@@ -126,10 +144,20 @@ class Daemon:
 
     def rss_kib(self) -> int:
         """Memory of its own that is resident."""
+        return self._status_kib("RssAnon")
+
+    def peak_kib(self) -> int:
+        """The most that was resident since forget_peak."""
+        return self._status_kib("VmHWM")
+
+    def forget_peak(self) -> None:
+        Path(f"/proc/{self.pid}/clear_refs").write_text("5")
+
+    def _status_kib(self, name: str) -> int:
         for line in Path(f"/proc/{self.pid}/status").read_text().splitlines():
-            if line.startswith("RssAnon"):
+            if line.startswith(f"{name}:"):
                 return int(line.split()[1])
-        raise Failed("no RssAnon in /proc")
+        raise Failed(f"no {name} in /proc")
 
     def descriptors(self) -> int:
         return len(os.listdir(f"/proc/{self.pid}/fd"))

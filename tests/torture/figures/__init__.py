@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Callable
 
-from . import clients, descriptors, determinism, faults, fuzzing, kills, races, recovery, soak, stalled, torn
+from . import (clients, descriptors, determinism, faults, fuzzing, kills, races, recovery, soak,
+               stalled, torn)
 
 
 @dataclass(frozen=True)
@@ -37,47 +39,59 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Group:
-    """Figures that one test measures: measure(yard, seconds) returns their values by key."""
+class Part:
+    """Figures that one module measures: its measure(yard, seconds) returns their values by key."""
 
-    measure: Callable
+    module: ModuleType
     seconds: float        # its share of the whole run
     quick_seconds: float  # and of --quick
     figures: tuple[Figure, ...]
 
+    @property
+    def name(self) -> str:
+        return self.module.__name__.rsplit(".", 1)[1]
 
-GROUPS = (
-    Group(kills.measure, 160, 12, (
+    @property
+    def measure(self) -> Callable:
+        return self.module.measure
+
+
+# How long all of it may take; the shares of the parts leave room for a slow day.
+SECONDS, QUICK_SECONDS = 1800, 180
+PARTS = (
+    Part(kills, 180, 15, (
         Figure("kill9_rounds", "kill -9 under load and restart", at_least=500, quick=10),
         Figure("kill9_lost", "of these in which something was lost", at_most=0))),
-    Group(torn.measure, 90, 5, (
+    Part(torn, 90, 5, (
         Figure("torn_cases", "damaged journals read", at_least=5000, quick=200),
         Figure("torn_failed", "of these with wrong weights, or a failed start", at_most=0))),
-    Group(faults.measure, 600, 20, (
-        Figure("fault_points", "calls made to fail, one after the other", at_least=1000, quick=50),
+    Part(faults, 600, 20, (
+        Figure("fault_points", "calls made to fail, one after the other: all that there are",
+               at_least=10_000, quick=50),
         Figure("fault_failed", "of these with a crash, or half a stroke", at_most=0))),
-    Group(fuzzing.measure, 240, 20, tuple(
+    Part(fuzzing, 240, 20, tuple(
         Figure(key, "inputs without a crash, leak or hang", at_least=1000, quick=1)
         for key in fuzzing.PROGRAMS)),
-    Group(races.measure, 45, 8, (
+    Part(races, 45, 8, (
         Figure("race_starts", "rounds of 100 simultaneous starts", at_least=20, quick=2),)),
-    Group(descriptors.measure, 15, 6, (
+    Part(descriptors, 15, 6, (
         Figure("fd_exhausted", "descriptors used up"),)),
-    Group(clients.measure, 60, 12, (
+    Part(clients, 60, 12, (
         Figure("clients_active", "that work at once", at_least=64),
         Figure("clients_idle", "that are there at once", at_least=1000))),
-    Group(stalled.measure, 120, 12, (
+    Part(stalled, 90, 12, (
         Figure("stalled_reader_kib", "memory that a deaf subscriber costs", at_most=4096),
         Figure("stalled_reader_p99_ratio", "others' p99 with it against none", at_most=1.1,
                quick=1.5))),
-    Group(determinism.measure, 45, 10, (
+    Part(determinism, 45, 10, (
         Figure("determinism", "same bytes, whoever plays a recording, and after restarts"),)),
-    Group(recovery.measure, 60, 10, (
+    Part(recovery, 30, 10, (
         Figure("recovery_ms", "200k vertices, 1,000 strokes", at_most=2000),)),
-    Group(soak.measure, 120, 12, (
+    Part(soak, 180, 12, (
         Figure("soak_strokes", "strokes one after the other", at_least=100_000, quick=3000),
         Figure("soak_rss_drift", "growth of memory after warm-up, share", at_most=0.01,
                quick=0.2),
         Figure("soak_fd_drift", "growth of descriptors", at_most=0))),
 )
-FIGURES = tuple(figure for group in GROUPS for figure in group.figures)
+FIGURES = (*(figure for part in PARTS for figure in part.figures),
+           Figure("seconds", "of the whole run", at_most=SECONDS, quick=QUICK_SECONDS))

@@ -24,18 +24,20 @@ from pathlib import Path
 from core import Link, SkindError
 
 from .. import ROOT, work
-from ..yard import BIN, Daemon, Failed, Yard, expect, greet
+from ..yard import BIN, Daemon, Failed, Failures, Yard, expect, greet
 
 MEMORY, FILES = 0, 1
 VERTICES = 64
 # What a request may be refused with when the machine has no memory or no disk.
 REFUSALS = {"no_memory", "file_io", "too_large", "busy", "bad_rig", "cancelled", "damaged"}
+PATIENCE_SECONDS = 40.0  # until a journal is written again
 
 
 class Control:
     """The page that faults.c and we share."""
 
     LAYOUT = struct.Struct("<8Q")  # kind, first, count, number, armed, memory, files, failed
+    ARMED = 4
 
     def __init__(self, path: Path) -> None:
         path.write_bytes(bytes(4096))
@@ -46,12 +48,12 @@ class Control:
         self.page[8 * index:8 * index + 8] = struct.pack("<Q", value)
 
     def arm(self, kind: int, first: int, count: int, number: int) -> None:
-        for index, value in enumerate((kind, first, count, number)):
+        for index, value in enumerate((kind, first, count, number, 0, 0, 0, 0)):
             self._set(index, value)
-        self._set(4, 1)
+        self._set(self.ARMED, 1)
 
     def disarm(self) -> None:
-        self._set(4, 0)
+        self._set(self.ARMED, 0)
 
     def counted(self) -> tuple[int, int, int]:
         """(allocations, changes of files, of these failed) since it was armed."""
@@ -131,14 +133,12 @@ class Played:
     refused: dict[int, str] = field(default_factory=dict)
 
 
-def wait_for_journal(link: Link, who: dict, seconds: float) -> bool:
-    """Whether a journal that was suspended is written again within this time."""
-    deadline = time.monotonic() + seconds
+def wait_for_journal(link: Link, who: dict) -> None:
+    """Until a journal that was suspended is written again."""
+    deadline = time.monotonic() + PATIENCE_SECONDS
     while link.call("session.info", who)["journal"] != "ok":
-        if time.monotonic() >= deadline:
-            return False
+        expect(time.monotonic() < deadline, "the journal is not resumed")
         time.sleep(0.05)
-    return True
 
 
 class Player:
@@ -172,10 +172,6 @@ class Player:
         for attempt in range(4):
             link = self.connect()
             try:
-                # Who closes a session that is not on the disk has only what is.
-                if method == "session.close" and not wait_for_journal(link, params, 4):
-                    self.played.refused[index] = "suspended"
-                    return
                 link.call(method, params)
                 link.notifications.clear()
             except SkindError as error:
@@ -299,7 +295,7 @@ class Lab:
         who, info = {"session": script.session}, {}
         if held != "nothing":
             info = link.call("session.info", who)
-            expect(wait_for_journal(link, who, 40), "the journal is not resumed")
+            wait_for_journal(link, who)
         if point.first % 2:
             daemon.kill()
         else:
@@ -340,14 +336,13 @@ def measure(yard: Yard, seconds: float) -> dict:
     points = choose(lab)
     if yard.quick:
         points = points[::max(1, len(points) // 100)]
-    failed, began = [], time.monotonic()
+    failures, began = Failures(yard), time.monotonic()
     workers = 16 * len(os.sched_getaffinity(0))  # they wait for journals to be tried again
     with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as pool:
         for index, why in enumerate(pool.map(lab.try_point, points, chunksize=4)):
             if why:
-                failed.append(why)
-                yard.say(f"  {why}")
+                failures.add(why)
             if index % 2000 == 1999:
-                yard.say(f"  {index + 1} of {len(points)} points, {len(failed)} failed")
-    yard.say(f"  {len(points)} points in {time.monotonic() - began:.0f} s")
-    return {"fault_points": len(points), "fault_failed": len(failed)}
+                yard.say(f"  {index + 1} of {len(points)} points in "
+                         f"{time.monotonic() - began:.0f} s, {failures.count} failed")
+    return {"fault_points": len(points), "fault_failed": failures.count}

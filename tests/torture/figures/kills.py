@@ -8,6 +8,10 @@ Two clients work on each session, others make, save, fork and delete sessions. A
 the order of a session's steps is known by their revisions, and a daemon that is never killed plays
 them in this order: it must hold the same bytes at the revision that the restart came up with, and
 at the one after all was asked again. Sessions live over several kills.
+
+A journal's log is folded into its file when nobody works (100 ms) and it is large (1 MiB), so one
+of the sessions has large strokes and artists who rest, and a share of the kills comes at the moment
+in which its file begins to change.
 """
 
 from __future__ import annotations
@@ -15,9 +19,11 @@ from __future__ import annotations
 import multiprocessing
 import os
 import random
+import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from core import Link, SkindError
 
@@ -26,6 +32,9 @@ from ..yard import Daemon, Failed, Yard, expect, greet
 
 DEPTH = 3  # requests that a client has under way
 LIFE = 6  # kills that a session lives through
+REST_SECONDS = 0.3  # of which an artist who rests works for the first half
+FOLDING_SHARE = 0.35  # of the kills that wait for a log to be folded in
+FOLDING_SECONDS = 0.002  # it takes about as long
 
 
 @dataclass
@@ -63,12 +72,12 @@ class Client:
     def connect(self, daemon: Daemon) -> None:
         self.link = greet(daemon.socket, self.name)
 
-    def step(self) -> None:
-        """Sends as much as may be under way, takes what came. Raises once the daemon is gone."""
+    def step(self, works: bool) -> None:
+        """Takes what came, and sends as much as may be under way. Raises once the daemon is gone."""
         self.link.pump()
         self.link.notifications.clear()
         self.waiting = [asked for asked in self.waiting if not self.take(asked)]
-        while len(self.waiting) < DEPTH:
+        while works and len(self.waiting) < DEPTH:
             method, params = self.recipe.next()
             if method == "pose.set":  # takes no turn, so that its place in the order is not known
                 continue
@@ -97,20 +106,43 @@ class Client:
             self.waiting = [asked for asked in self.waiting if not self.take(asked)]
 
 
+@dataclass(frozen=True)
+class Kind:
+    """What sessions there are."""
+
+    name: str
+    vertices: int
+    brush: int  # vertices of its largest strokes
+    history_bytes: int
+    rests: bool = False
+
+
+KINDS = (Kind("small", 100, 60, 512 << 20),
+         Kind("short", 300, 60, 1 << 20),  # a history that forgets
+         Kind("large", 20_000, 4000, 16 << 20, rests=True))  # a log that is folded in
+
+
 class Story:
     """A session: what made each of its revisions, and its twin in a daemon that is never killed."""
 
-    def __init__(self, name: str, vertices: int, seed: int, twin: Link, options: dict) -> None:
-        self.name, self.vertices, self.options, self.twin = name, vertices, options, twin
+    def __init__(self, kind: "Kind", number: int, twin: Link) -> None:
+        self.kind, self.twin = kind, twin
+        self.name = f"{kind.name}{number}"
         self.steps: dict[int, Asked] = {}
         self.played = 0  # revisions that the twin has
         self.kills = 0
-        self.clients = [Client(self, f"{name}-{index}", work.Recipe(name, vertices, 10 * seed + index))
-                        for index in range(2)]
+        self.clients = [Client(self, f"{self.name}-{index}", work.Recipe(
+            self.name, kind.vertices, 10 * number + index, kind.brush)) for index in range(2)]
 
     def create(self, link: Link) -> None:
-        work.create(link, self.name, self.vertices, **self.options)
-        work.create(self.twin, self.name, self.vertices, **{**self.options, "durability": "off"})
+        limit = {"history_bytes": self.kind.history_bytes}
+        work.create(link, self.name, self.kind.vertices, **limit)
+        work.create(self.twin, self.name, self.kind.vertices, **limit, durability="off")
+
+    def step(self) -> None:
+        works = not self.kind.rests or time.monotonic() % REST_SECONDS < REST_SECONDS / 2
+        for client in self.clients:
+            client.step(works)
 
     def learn(self, asked: Asked) -> None:
         if asked.revision == 0:
@@ -246,15 +278,15 @@ class Round:
         self.guest = Guest(self.daemon, random.Random(seed + 1))
         self.stories: list[Story] = []
         self.made = 0
+        self.folding = 0  # kills that came when a log was folded in
 
     def fill(self, link: Link) -> None:
-        """Three sessions: a small one, one with a short history, one whose log is folded in often."""
-        kinds = [(100, {}), (300, {"history_bytes": 1 << 20}), (20_000, {"history_bytes": 16 << 20})]
-        for name, (vertices, options) in zip("abc", kinds):
-            if any(story.name[0] == name for story in self.stories):
+        """A session of each kind."""
+        for kind in KINDS:
+            if any(story.kind == kind for story in self.stories):
                 continue
             self.made += 1
-            story = Story(f"{name}{self.made}", vertices, self.made, self.twin, options)
+            story = Story(kind, self.made, self.twin)
             story.create(link)
             for client in story.clients:
                 client.connect(self.daemon)
@@ -264,20 +296,18 @@ class Round:
         with self.daemon.link() as link:
             self.fill(link)
         self.guest.link = greet(self.daemon.socket, "guest")
-        deadline = time.monotonic() + self.random.choice([0.02, 0.1, 0.3, 0.6]) * self.random.random()
-        killer = multiprocessing.Process(target=kill_at, args=(self.daemon.pid, deadline))
-        killer.start()
+        killer = self.start_killer()
         try:
             while True:
                 for story in self.stories:
-                    for client in story.clients:
-                        client.step()
+                    story.step()
                 self.guest.step()
         except (ConnectionError, OSError):
             pass
         finally:
             killer.join()
             self.daemon.process.wait()
+            self.folding += killer.exitcode == FOLDING
         self.daemon.start()
         with self.daemon.link() as link:
             for story in self.stories:
@@ -287,20 +317,48 @@ class Round:
                 story.end(link)
                 self.stories.remove(story)
 
+    def start_killer(self) -> multiprocessing.Process:
+        """Some time from now, or when the large session's log is folded in."""
+        target, args = kill_after, (
+            self.random.choice([0.02, 0.1, 0.3, 0.6]) * self.random.random(),)
+        if self.random.random() < FOLDING_SHARE:
+            name = next(story.name for story in self.stories if story.kind.rests)
+            target, args = kill_folding, (
+                next(self.daemon.state.rglob(f"{name}-*.skind")),
+                FOLDING_SECONDS * self.random.random())
+        killer = multiprocessing.Process(target=target, args=(self.daemon.pid, *args))
+        killer.start()
+        return killer
+
     def close(self) -> None:
         self.daemon.stop()
         self.twin.close()
         self.twins.stop()
 
 
-def kill_at(pid: int, deadline: float) -> None:
-    time.sleep(max(0.0, deadline - time.monotonic()))
+FOLDING = 1  # exit status of a killer that saw it
+
+
+def kill_after(pid: int, seconds: float) -> None:
+    time.sleep(seconds)
     os.kill(pid, 9)
 
 
-def rounds_of(yard: Yard, seed: int, seconds: float, least: int) -> tuple[int, list[str]]:
-    """(rounds, what was lost) of one daemon; in a process of its own."""
-    began, done, lost = time.monotonic(), 0, []
+def kill_folding(pid: int, file: Path, seconds: float) -> None:
+    """So long after the file begins to change; or when it does not."""
+    before, deadline = file.stat().st_mtime_ns, time.monotonic() + 4 * REST_SECONDS
+    while file.exists() and time.monotonic() < deadline:
+        if file.stat().st_mtime_ns != before:
+            time.sleep(seconds)
+            os.kill(pid, 9)
+            sys.exit(FOLDING)
+        time.sleep(0.0001)
+    os.kill(pid, 9)
+
+
+def rounds_of(yard: Yard, seed: int, seconds: float, least: int) -> tuple[int, int, list[str]]:
+    """(rounds, of these within a checkpoint, what was lost) of one daemon; in a process of its own."""
+    began, done, folding, lost = time.monotonic(), 0, 0, []
     while time.monotonic() - began < seconds or done < least:
         current = Round(yard, seed + 1000 * done)
         try:
@@ -314,9 +372,10 @@ def rounds_of(yard: Yard, seed: int, seconds: float, least: int) -> tuple[int, l
             yard.say(f"  {lost[-1]}")
             current.daemon.kill()
             current.twins.kill()
-        if time.monotonic() - began > 3 * seconds:
+        folding += current.folding
+        if time.monotonic() - began > 2 * seconds:
             break
-    return done, lost
+    return done, folding, lost
 
 
 def measure(yard: Yard, seconds: float) -> dict:
@@ -325,6 +384,7 @@ def measure(yard: Yard, seconds: float) -> dict:
     with ProcessPoolExecutor(at_once, multiprocessing.get_context("fork")) as pool:
         running = [pool.submit(rounds_of, yard, seed + 1, seconds, least) for seed in range(at_once)]
         results = [one.result() for one in running]
-    rounds = sum(done for done, _ in results)
-    lost = sum(len(what) for _, what in results)
-    return {"kill9_rounds": rounds, "kill9_lost": lost}
+    rounds, folding = sum(one[0] for one in results), sum(one[1] for one in results)
+    yard.say(f"  {rounds} rounds, {folding} of them while a log was folded in")
+    expect(folding > 0, "no kill came while a log was folded in")
+    return {"kill9_rounds": rounds, "kill9_lost": sum(len(one[2]) for one in results)}

@@ -16,14 +16,12 @@ import time
 from core import Link
 
 from .. import work
-from ..yard import Daemon, Yard, expect
+from ..yard import LEAN_ALLOCATOR, Daemon, Yard, expect
 
 CLIENTS, SESSIONS, DEPTH, VERTICES = 8, 4, 8, 300
 HISTORY_BYTES = 1 << 20
 WARM_SHARE = 0.25
 LOOKS = 60
-ALLOCATOR = {"MALLOC_ARENA_MAX": "1", "MALLOC_TRIM_THRESHOLD_": "65536",
-             "MALLOC_MMAP_THRESHOLD_": "131072"}
 
 
 class Soak:
@@ -112,7 +110,7 @@ class Soak:
 
 def measure(yard: Yard, seconds: float) -> dict:
     least = yard.pick(100_000, 3000)
-    with yard.daemon("--workers", "2", environment=ALLOCATOR) as daemon:
+    with yard.daemon("--workers", "2", environment=LEAN_ALLOCATOR) as daemon:
         soak = Soak(daemon)
         looks: list[tuple[int, int]] = []
         began, next_visit, next_look = time.monotonic(), 0.0, WARM_SHARE * seconds

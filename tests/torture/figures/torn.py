@@ -3,15 +3,16 @@
 A session's file and its log are kept as they were after each answered step, with what the daemon
 held then. Copies are damaged:
 
-    cut      the log at every byte of its last records, newest first
+    cut      the log at every byte of its last records, newest first, and here and there before
     zero     the same places, with zeros to the end
     flip     one random bit of the file or the log
     folded   the file after a clean stop, cut and flipped in the same ways
 
 Each is read by the daemon's own reader (journal_probe), which must come up with a state that was
 held, at the revision that it says, and tell when that is not the newest; where only the end is
-lost, it must be the newest whole one. The last frame of a log is the one place where damage cannot
-be told from a write that a kill cut off. A share of the copies goes through a daemon's start.
+lost, it must be the newest whole one. Undone to its beginning, it must hold what it began with. The
+last frame of a log is the one place where damage cannot be told from a write that a kill cut off. A
+share of the copies goes through a daemon's start.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ import os
 import random
 import shutil
 import subprocess
-import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,13 +29,15 @@ import numpy as np
 from core import SkindError
 
 from .. import work
-from ..yard import BIN, Daemon, Failed, Yard, expect
+from ..yard import BIN, Daemon, Failed, Failures, Yard, expect
 
 VERTICES = 100
 STEPS = 24
 LAST = 3  # records whose every byte is cut at
-SPREAD = 8  # byte distance of cuts before these
-FRAME_BYTES = 24 + 4096  # of the log: a head and a page
+SPREAD = 128  # byte distance of cuts before these
+PAGE_BYTES = 4096
+FRAME_BYTES = 24 + PAGE_BYTES  # of the log: a head and a page
+QUICK_SHARE = 128  # one of so many places with --quick
 
 
 def hash_of(link: object, session: str) -> str:
@@ -95,6 +97,18 @@ def record(yard: Yard) -> tuple[Original, Original]:
             Original(folder / "folded.skind", None, held, {}))
 
 
+@dataclass
+class Reading:
+    """What journal_probe tells of a file."""
+
+    status: str
+    revision: int
+    cut: bool  # whether something was lost
+    held: str  # hash
+    begun: str  # hash once all is undone
+    text: str
+
+
 class Probe:
     """journal_probe, a file after the other."""
 
@@ -102,14 +116,13 @@ class Probe:
         self.process = subprocess.Popen([BIN / "journal_probe"], stdin=subprocess.PIPE,
                                         stdout=subprocess.PIPE, text=True)
 
-    def read(self, path: Path) -> tuple[str, int, bool, str, str]:
-        """(status, revision, whether something was lost, hash, sentence)"""
+    def read(self, path: Path) -> Reading:
         self.process.stdin.write(f"{path}\n")
         self.process.stdin.flush()
         line = self.process.stdout.readline()
         expect(line, f"the reader died with {self.process.poll()} on {path}")
-        status, revision, _, cut, held, *text = line.rstrip("\n").split(" ", 5)
-        return status, int(revision), cut == "1", held, " ".join(text)
+        status, revision, cut, held, begun, *text = line.rstrip("\n").split(" ", 5)
+        return Reading(status, int(revision), cut == "1", held, begun, " ".join(text))
 
     def close(self) -> None:
         self.process.stdin.close()
@@ -127,7 +140,7 @@ class Bench:
         self.random = random.Random(seed)
         self.probe = Probe()
         self.cases = 0
-        self.failed: list[str] = []
+        self.failures = Failures(yard)
         self.renew()
 
     def renew(self) -> None:
@@ -143,37 +156,42 @@ class Bench:
         """Reads the copy; `wanted`: the revision that it must come up with; `silent`: that it may
         without a word."""
         self.cases += 1
-        held = self.original.held
         try:
-            status, revision, cut, found, text = self.probe.read(self.file)
+            why = self.judge(self.probe.read(self.file), wanted, silent)
         except Failed as failure:
-            self.failed.append(f"{what}: {failure}")
+            why = str(failure)
             self.probe = Probe()
-            return
-        why = ""
-        if status == "ok":
-            if revision not in held or held[revision] != found:
-                why = f"other weights than those of revision {revision}"
-            elif wanted is not None and revision != wanted:
-                why = f"revision {revision} in place of {wanted}"
-            elif wanted is None and not cut and revision not in (self.original.newest, silent):
-                why = f"revision {revision} of {self.original.newest}, and nothing said"
-        elif wanted is not None or status not in ("damaged", "unsupported", "newer"):
-            why = f"{status}: {text}"
         if why:
-            self.failed.append(f"{self.name}, {what}: {why}")
-            self.yard.say(f"  {self.failed[-1]}")
+            self.fail(f"{what}: {why}")
 
-    def places(self, quick: bool) -> list[int]:
+    def judge(self, found: Reading, wanted: int | None, silent: int | None) -> str:
+        """What is wrong with it, or nothing."""
+        held, newest = self.original.held, self.original.newest
+        if found.status != "ok":
+            fine = wanted is None and found.status in ("damaged", "unsupported", "newer")
+            return "" if fine else f"{found.status}: {found.text}"
+        if held.get(found.revision) != found.held:
+            return f"other weights than those of revision {found.revision}"
+        if found.begun != held[0]:
+            return f"revision {found.revision}, but other weights once all is undone"
+        if wanted is not None and found.revision != wanted:
+            return f"revision {found.revision} in place of {wanted}"
+        if wanted is None and not found.cut and found.revision not in (newest, silent):
+            return f"revision {found.revision} of {newest}, and nothing said"
+        return ""
+
+    def fail(self, why: str) -> None:
+        self.failures.add(f"{self.name}, {why}")
+
+    def places(self) -> list[int]:
         """Lengths to cut to, longest first."""
         size = self.target().stat().st_size
         if self.original.log is None:
-            return sorted({*range(size - 4096, size), *range(0, size, 511)}, reverse=True)[
-                ::64 if quick else 1]
-        sizes = self.original.log_bytes
-        every = sizes[self.original.newest - LAST]
-        return sorted({*range(every, size), *range(0, every, SPREAD * 16)}, reverse=True)[
-            ::128 if quick else 1]
+            every, spread = size - PAGE_BYTES, PAGE_BYTES // 8 - 1
+        else:
+            every, spread = self.original.log_bytes[self.original.newest - LAST], SPREAD
+        places = sorted({*range(every, size), *range(0, every, spread)}, reverse=True)
+        return places[::self.yard.pick(1, QUICK_SHARE)]
 
     def newest_within(self, size: int) -> int | None:
         """The newest revision that lies whole before this length of the log."""
@@ -182,17 +200,17 @@ class Bench:
         return max(revision for revision, end in self.original.log_bytes.items()
                    if end <= size or revision == 0)
 
-    def cut(self, quick: bool) -> None:
-        for size in self.places(quick):
+    def cut(self) -> None:
+        for size in self.places():
             os.truncate(self.target(), size)
             self.check(f"cut to {size} bytes", self.newest_within(size))
         self.renew()
 
-    def zero(self, quick: bool) -> None:
+    def zero(self) -> None:
         end = self.target().stat().st_size
         whole = self.target().read_bytes()
         with self.target().open("r+b") as file:
-            for size in self.places(quick):
+            for size in self.places():
                 file.seek(size)
                 file.write(bytes(end - size))
                 file.flush()
@@ -240,8 +258,7 @@ class Bench:
                     expect(listed["damaged"], "the session is gone, and nothing is said")
             daemon.stop()
         except (Failed, SkindError, OSError) as failure:
-            self.failed.append(f"{self.name}, a start after {damage}: {failure}")
-            self.yard.say(f"  {self.failed[-1]}")
+            self.fail(f"a start after {damage}: {failure}")
             daemon.kill()
 
     def start_some(self, count: int) -> None:
@@ -259,13 +276,13 @@ class Bench:
                 self.start_daemon(f"a5 in byte {at}")
             self.renew()
 
-    def run(self, quick: bool) -> "Bench":
+    def run(self) -> "Bench":
         try:
             self.check("whole", self.original.newest)
-            self.cut(quick)
-            self.zero(quick)
-            self.flip(100 if quick else 3000)
-            self.start_some(4 if quick else 40)
+            self.cut()
+            self.zero()
+            self.flip(self.yard.pick(3000, 100))
+            self.start_some(self.yard.pick(100, 4))
         finally:
             self.probe.close()
             shutil.rmtree(self.folder, ignore_errors=True)
@@ -273,11 +290,9 @@ class Bench:
 
 
 def measure(yard: Yard, seconds: float) -> dict:
-    began = time.monotonic()
     crashed, folded = record(yard)
     benches = [Bench(yard, crashed, "crashed", 1), Bench(yard, folded, "folded", 2)]
     with ThreadPoolExecutor(len(benches)) as pool:
-        done = list(pool.map(lambda bench: bench.run(yard.quick), benches))
-    cases, failed = sum(b.cases for b in done), sum(len(b.failed) for b in done)
-    yard.say(f"  {cases} cases in {time.monotonic() - began:.0f} s")
-    return {"torn_cases": cases, "torn_failed": failed}
+        done = list(pool.map(Bench.run, benches))
+    return {"torn_cases": sum(bench.cases for bench in done),
+            "torn_failed": sum(bench.failures.count for bench in done)}
