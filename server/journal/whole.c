@@ -1,6 +1,7 @@
 /* See whole.h. */
 #include "journal/whole.h"
 
+#include "base/temporary.h"
 #include "journal/base_rows.h"
 #include "journal/guard_rows.h"
 #include "journal/inspect.h"
@@ -8,13 +9,11 @@
 #include "journal/source_rows.h"
 #include "journal/step_rows.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -132,19 +131,27 @@ static enum skd_status write_all(struct whole *whole, struct skd_session *sessio
 /* ---- files ------------------------------------------------------------------------------------
  */
 
-static const char TEMPORARY[] = ".skind-";
-
-/* An empty file of ours in the target's folder. */
-static enum skd_status make_temporary(const char *path, char temporary[SKD_PATH_BYTES_MAX],
-                                      struct skd_error *error)
+static int open_folder(const char *path)
 {
-    const char *slash = strrchr(path, '/');
-    uint64_t number;
-    if (getrandom(&number, sizeof number, 0) != (ssize_t)sizeof number ||
-        snprintf(temporary, SKD_PATH_BYTES_MAX, "%.*s%s%016llx.tmp", (int)(slash - path) + 1, path,
-                 TEMPORARY, (unsigned long long)number) >= SKD_PATH_BYTES_MAX - 16)
+    return open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+}
+
+/* An empty file of ours in the target's folder; *temporary is the caller's to free. */
+static enum skd_status make_temporary(const char *path, char **temporary, struct skd_error *error)
+{
+    char folder[SKD_PATH_BYTES_MAX];
+    (void)snprintf(folder, sizeof folder, "%.*s", (int)(strrchr(path, '/') - path) + 1, path);
+    int fd = open_folder(folder);
+    if (fd >= 0) {
+        skd_temporary_sweep(fd, SKD_TEMPORARY_IDLE_S);
+        close(fd);
+    }
+    *temporary = skd_temporary_name(path);
+    if (*temporary == NULL)
+        return skd_fail_memory(error, "a path");
+    if (strlen(*temporary) >= SKD_PATH_BYTES_MAX - 16)
         return skd_fail(error, SKD_TOO_LARGE, "the path \"%.100s...\" is too long", path);
-    int fd = open(temporary, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
+    fd = open(*temporary, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
     if (fd < 0)
         return skd_fail(error, SKD_FILE_IO, "\"%s\" cannot be written: %s", path, strerror(errno));
     int result = fchmod(fd, 0600); /* whatever the umask */
@@ -202,7 +209,7 @@ enum skd_status skd_journal_write(const char *path, struct skd_session *session,
                                   struct skd_pose *const *poses, size_t pose_count,
                                   struct skd_error *error)
 {
-    char target[SKD_PATH_BYTES_MAX], temporary[SKD_PATH_BYTES_MAX];
+    char target[SKD_PATH_BYTES_MAX], *temporary = NULL;
     struct whole *whole = calloc(1, sizeof *whole);
     if (whole == NULL)
         return skd_fail_memory(error, "a session's file");
@@ -210,7 +217,7 @@ enum skd_status skd_journal_write(const char *path, struct skd_session *session,
            sizeof whole->row.name);
     enum skd_status status = skd_inspect_resolve(path, target, error);
     if (status == SKD_OK)
-        status = make_temporary(target, temporary, error);
+        status = make_temporary(target, &temporary, error);
     if (status != SKD_OK)
         goto done;
     status = skd_store_open(&whole->store, temporary, SKD_STORE_NEW, NULL, error);
@@ -228,6 +235,7 @@ enum skd_status skd_journal_write(const char *path, struct skd_session *session,
         (void)unlink(temporary);
     }
 done:
+    free(temporary);
     skd_pose_rows_finish(&whole->poses);
     free(whole);
     return status;
@@ -235,13 +243,9 @@ done:
 
 void skd_journal_sweep(const char *folder)
 {
-    DIR *entries = opendir(folder);
-    const struct dirent *entry;
-    while (entries != NULL && (entry = readdir(entries)) != NULL) {
-        if (strncmp(entry->d_name, TEMPORARY, sizeof TEMPORARY - 1) == 0 &&
-            strstr(entry->d_name, ".tmp") != NULL)
-            (void)unlinkat(dirfd(entries), entry->d_name, 0);
-    }
-    if (entries != NULL)
-        closedir(entries);
+    int fd = open_folder(folder);
+    if (fd < 0)
+        return;
+    skd_temporary_sweep(fd, 0);
+    close(fd);
 }

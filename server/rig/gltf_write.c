@@ -1,9 +1,10 @@
 /* See gltf_write.h. */
 #include "rig/gltf_write.h"
 
+#include "base/temporary.h"
+
 #include <errno.h>
 #include <fcntl.h>
-#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,20 +27,10 @@ enum skd_status skd_outputs_open(const char *path, struct skd_outputs *outputs, 
         return skd_fail_memory(error, "a path");
     outputs->folder_fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     free(folder);
-    return outputs->folder_fd >= 0 ? SKD_OK : fail_write(error, path);
-}
-
-/* "dir/.name.<pid>-<n>.tmp": hidden, and never the name of another export at work. */
-static char *temporary_name(const char *path)
-{
-    static atomic_uint counter;
-    const char *slash = strrchr(path, '/');
-    const int folder = slash == NULL ? 0 : (int)(slash - path) + 1;
-    char *name = NULL;
-    if (asprintf(&name, "%.*s.%s.%d-%u.tmp", folder, path, path + folder, (int)getpid(),
-                 atomic_fetch_add(&counter, 1)) < 0)
-        return NULL;
-    return name;
+    if (outputs->folder_fd < 0)
+        return fail_write(error, path);
+    skd_temporary_sweep(outputs->folder_fd, SKD_TEMPORARY_IDLE_S);
+    return SKD_OK;
 }
 
 /* Folders that the path names are made when they are missing. */
@@ -112,7 +103,7 @@ enum skd_status skd_outputs_add(struct skd_outputs *outputs, const char *path,
     if (status != SKD_OK)
         return status;
     struct skd_output *output = new_output(outputs, path);
-    char *temporary = temporary_name(path);
+    char *temporary = skd_temporary_name(path);
     if (output == NULL || temporary == NULL) {
         free(temporary);
         return skd_fail_memory(error, "a path");

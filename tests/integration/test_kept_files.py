@@ -6,17 +6,20 @@ import os
 import shutil
 import signal
 import sqlite3
+import struct
 import subprocess
 import time
 from pathlib import Path
 from typing import Callable, Iterator
 
+import numpy as np
 import pytest
 import rigs
 from core import Link, SkindError
 from daemons import BIN, Daemon
 from test_durability import contents, make, stroke
 
+MIB = 1 << 20
 CLOSED = 32  # that are remembered
 
 
@@ -175,6 +178,56 @@ def test_what_is_not_opened_is_told(begin, state) -> None:
         assert "\"gone\"" in gone["text"] and "if anything" in gone["text"]
 
 
+@pytest.mark.parametrize("commits", [False, True])
+def test_a_log_that_ends_in_the_middle(begin, state, commits) -> None:
+    """Frames whose sums are wrong, of what a kill broke off, or of what was done."""
+    daemon = begin()
+    with daemon.link() as link:
+        make(link)
+        stroke(link, 1)
+        before = contents(link)
+        daemon.stop(signal.SIGKILL)
+    log = Path(f"{file_of(state, 'sheet')}-wal")
+    head = log.read_bytes()[:32]
+    page = struct.unpack_from(">I", head, 8)[0]
+    assert (log.stat().st_size - 32) % (24 + page) == 0
+    with log.open("ab") as file:
+        for pages in (0, 0, 40 if commits else 0):
+            file.write(struct.pack(">II8sII", 2, pages, head[16:24], 1, 2) + bytes([7]) * page)
+    with begin().link() as link:
+        after = contents(link)
+        assert after["weights"] == before["weights"]
+        assert (after == before) != commits
+        assert bool(link.call("session.list")["damaged"]) == commits
+        assert ("damage" in link.call("session.info", {"session": "sheet"})) == commits
+
+
+def test_a_file_does_not_grow_with_every_start(begin, state) -> None:
+    """What cannot be undone any more goes, also where the daemon never runs for long."""
+    count, limit = 40_000, 100 * MIB
+    rows = {"session": "sheet", "vertices": np.arange(count, dtype=np.uint32),
+            "joints": np.tile(np.array([0, 1, 65535, 65535], np.uint16), (count, 1))}
+    random = np.random.default_rng(3)
+    for number in range(5):
+        daemon = begin()
+        with daemon.link(checked=False) as link:
+            if number == 0:
+                link.call("session.create", {"name": "sheet", **rigs.sheet(count),
+                                             "history_bytes": MIB})
+            for _ in range(40):
+                weights = np.zeros((count, 4), np.float32)
+                weights[:, 0] = random.random(count, np.float32)
+                weights[:, 1] = 1 - weights[:, 0]
+                link.call("weights.set", {**rows, "weights": weights})
+                assert sum(path.stat().st_size for path in state.glob("sheet-*")) < limit
+            link.call("session.verify", {"session": "sheet"})
+            before = link.call("weights.get", {"session": "sheet"})["weights"]
+            daemon.stop(signal.SIGKILL)
+    with begin().link() as link:
+        assert names(link) == {"sheet": 200}
+        assert np.array_equal(link.call("weights.get", {"session": "sheet"})["weights"], before)
+
+
 @pytest.fixture
 def disk(folder: Path) -> Iterator[Path]:
     """A small disk of its own."""
@@ -250,6 +303,25 @@ def test_a_full_disk_leaves_what_was_saved_and_exported(start, folder, disk) -> 
             assert name in refused.value.message and ".tmp" not in refused.value.message
             assert (disk / name).read_bytes() == b"old"
     assert sorted(path.name for path in disk.iterdir()) == ["body.glb", "body.skind", "fill"]
+
+
+@pytest.mark.parametrize("method", ["save", "export"])
+def test_what_a_kill_left_beside_a_file_goes_in_time(start, folder, method) -> None:
+    subprocess.run([BIN / "skinctl", "generate", "--vertices", "2000", folder / "body.glb"],
+                   check=True, capture_output=True, timeout=60)
+    path = folder / "out" / ("body.skind" if method == "save" else "body.glb")
+    (path.parent / ".skind-0123456789abcdef.tmp.d").mkdir(parents=True)
+    others = [".skind-0000000000000000.tmp", ".skind-notes", "other.tmp", ".skind-link.tmp"]
+    for name in (*others[:3], ".skind-0123456789abcdef.tmp", ".skind-0123456789abcdef.tmp-wal"):
+        (path.parent / name).write_bytes(b"left")
+        if name != others[0]:  # of one that is at work now
+            os.utime(path.parent / name, (time.time() - 7200,) * 2)
+    (path.parent / others[3]).symlink_to("nowhere")
+    with start().link() as link:
+        link.call("session.create", {"file": str(folder / "body.glb"), "name": "body"})
+        link.call(f"session.{method}", {"session": "body", "path": str(path)})
+    assert {entry.name for entry in path.parent.iterdir()} == {
+        path.name, ".skind-0123456789abcdef.tmp.d", *others}
 
 
 def test_a_file_that_cannot_be_opened_is_named_once(daemon, folder) -> None:
