@@ -179,3 +179,33 @@ def test_legends_say_the_scale() -> None:
                      "none": 0}
     assert [colour for colour, _ in legend.swatches] == [
         colours.COUNT_COLOURS[count] for count in (1, 2, 3, 4, 5, 0)]
+
+
+def test_what_is_claimed_is_told_from_the_rest_and_still_reads() -> None:
+    every = np.array([*colours.HEAT, *colours.SHARE, *colours.COUNT_COLOURS.values()], np.float32)
+    rgba = np.concatenate([every, np.ones((len(every), 1), np.float32)], axis=1)
+    claimed = np.arange(len(every)) % 2 == 0
+    toned = rgba.copy()
+    colours.grey(toned, claimed)
+    assert np.array_equal(toned[~claimed], rgba[~claimed]) and (toned[:, 3] == 1).all()
+    whole = rgba.copy()
+    colours.grey(whole, np.ones(len(every), bool))
+    for eye in EYES:
+        assert np.linalg.norm(lab(whole[:, :3], eye) - lab([colours.NONE], eye), axis=1).min() > 5
+    for ramp in (slice(0, 256), slice(256, 512)):  # lightness rises beneath it, too
+        assert (np.diff(lab(whole[ramp, :3])[::16, 0]) > 0.5).all()
+
+
+def test_over_no_overlay_a_claim_is_a_veil() -> None:
+    rgba = np.zeros((2, 4), np.float32)
+    colours.grey(rgba, np.array([True, False]))
+    assert rgba[0] == pytest.approx([*colours.CLAIMED, colours.CLAIMED_SHARE])
+    assert not rgba[1].any()
+
+
+def test_legends_name_who_claims() -> None:
+    legend = colours.reach_legend("spine")
+    assert colours.with_claims(legend, []) is legend
+    assert colours.with_claims(legend, ["Ben"]).swatches[-1][1] == "claimed by Ben"
+    assert colours.with_claims(legend, ["Ben", "Eva"]).swatches[-1][1] == "claimed by 2 others"
+    assert colours.with_claims(legend, ["Ben"]).swatches[:-1] == legend.swatches

@@ -45,11 +45,12 @@ def test_the_panel_draws_each_state(tall: Window, daemon: Daemon, tmp_path: Path
     assert "has shape keys" in seen["shown"][0]
     assert seen["shown"][0] in seen["reported"]
     assert seen["forgotten"] == []
-    assert seen["last"]["revision"] == 1
+    assert seen["last"]["revision"] == 2
     assert seen["notes"] == ["weights_normalised"]
     pictures = {path.stem: path.read_bytes() for path in tmp_path.glob("*.png")}
-    assert set(pictures) == {"idle", "refused", "connected", "sculpting", "poses"}
-    assert len(set(pictures.values())) == 5
+    assert set(pictures) == {"idle", "refused", "connected", "sculpting", "poses",
+                             "alone with one", "shared", "left", "not kept"}
+    assert len(set(pictures.values())) == len(pictures)
     assert seen["pins"] == 1 and seen["kept"] == 1
 
 

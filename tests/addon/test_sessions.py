@@ -6,6 +6,7 @@ that none is left.
 
 from __future__ import annotations
 
+import getpass
 import os
 import pickle
 import signal
@@ -187,8 +188,9 @@ def test_quitting_leaves_no_orphan(artists: Blender, how: str) -> None:
 
 
 def test_a_file_saved_mid_session(artists: Blender, tmp_path: Path) -> None:
-    """One Blender saves with a stroke pending and goes on, a second one opens that and rejoins;
-    others open it when the daemon is gone."""
+    """One Blender saves with a stroke pending and goes on, a second one opens that and rejoins. When
+    both have left and the daemon is gone, a third takes the session back with its history; a fourth
+    comes when it was deleted."""
     path, flag = str(tmp_path / "saved.blend"), str(tmp_path)
     first = artists.start("sessions.saved", path, flag)
     wait_for(tmp_path / "saved")
@@ -209,13 +211,19 @@ def test_a_file_saved_mid_session(artists: Blender, tmp_path: Path) -> None:
     stop_idle(artists.socket)
 
     third = artists.run("sessions.opened", path, "cancel", before)
-    assert "begins anew" in third["told"]
-    assert np.array_equal(np.sort(third["table"], 1)[:, -4:], np.sort(told["answered"], 1))
-    assert np.array_equal(np.sort(third["joined"], 1), np.sort(told["answered"], 1))
+    assert third["told"] == "" and third["undo_steps"] == 3
+    assert np.array_equal(third["joined"], told["theirs"])
     assert third["equal"]
     assert lasting(third["facts"]) == lasting(before) and third["remembers"] is None
+    with reader(artists) as link:
+        link.call("session.delete", {"session": told["name"]})
+        link.call("shutdown")
+    assert wait_until_none(artists.socket) == []
 
     fourth = artists.run("sessions.opened", path, "finish", before)
+    assert "begins anew" in fourth["told"] and fourth["undo_steps"] == 0
+    assert np.array_equal(np.sort(fourth["table"], 1)[:, -4:], np.sort(told["answered"], 1))
+    assert np.array_equal(np.sort(fourth["joined"], 1), np.sort(told["answered"], 1))
     assert fourth["equal"] and fourth["zeros"] == 0 and fourth["remembers"] is None
 
 
@@ -281,7 +289,7 @@ def test_a_second_blender_joins(artists: Blender, tmp_path: Path) -> None:
     assert second["listed"] == ["Tube"]
     assert second["equal"] and told["equal"] and told["alone"]
     assert np.array_equal(second["weights"], told["weights"])
-    assert told["strokes"] == 1 and told["told"].startswith("Stroke by Blender")
+    assert told["strokes"] == 1 and told["told"].startswith(f"Stroke by {getpass.getuser()} (Blender")
     assert second["different"] == []
 
 

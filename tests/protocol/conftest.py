@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Callable, Iterator
 
 import pytest
-from tools import Tool, V, rig_of, rigs
+from tools import Tool, V, rig_of, rigs, turned_rig
 
 
 @pytest.fixture
@@ -21,6 +21,22 @@ def make_tool(folder: Path, params: dict) -> Iterator[Callable[..., Tool]]:
 
     def run(**options) -> Tool:
         tools.append(Tool(folder / "skind.sock", rig_of(params), **options))
+        return tools[-1]
+
+    yield run
+    for tool in tools:
+        tool.channel.close()
+
+
+@pytest.fixture
+def join_file():
+    """join_file(daemon, path): a tool in a session that was made from a file."""
+    tools: list[Tool] = []
+
+    def run(daemon, path: Path) -> Tool:
+        with daemon.link() as link:
+            link.call("session.create", {"name": "s", "file": str(path)})
+            tools.append(Tool(daemon.socket, turned_rig(link)).join())
         return tools[-1]
 
     yield run

@@ -11,7 +11,7 @@ import pytest
 from core import Launcher, Link
 from core.sculpt import Stroke
 from daemons import BIN
-from tools import SECONDS, Mortal, Other, Tool, V, same, sent_and_solved, some
+from tools import SECONDS, Mortal, Other, Tool, V, agree, same, sent_and_solved, some
 
 
 class Model:
@@ -50,7 +50,7 @@ def kill_at(moment: str, tool: Tool, mortal: Mortal, random: np.random.Generator
     elif moment == "solved":
         strokes = [tool.stroke(int(random.integers(V)))]
         with_others = Other(mortal.daemon)
-        sent_and_solved(tool, with_others, strokes[0])
+        sent_and_solved(tool, with_others)
         mortal.die()
     elif moment == "answered":
         strokes = [tool.stroke(int(random.integers(V)))]
@@ -162,16 +162,6 @@ def test_two_tools_and_deaths(start, make_tool, seed):
     with mortal.daemon.link() as link:
         for tool in tools:
             tool.check(link)
-
-
-def agree(*tools: Tool) -> None:
-    """Until no tool does anything more: what one shows it may have to tell, and others hear it."""
-    quiet = 0
-    while quiet < 2:
-        revision = tools[0].sculpt.revision
-        for tool in (*tools, *tools):
-            tool.settle()
-        quiet = quiet + 1 if tools[0].sculpt.revision == revision else 0
 
 
 def test_what_two_tools_did_survives(start, make_tool):

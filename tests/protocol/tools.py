@@ -11,6 +11,7 @@ import socket
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Callable
 
@@ -35,6 +36,20 @@ def rig_of(params: dict) -> Rig:
                np.asarray(bones["binds"]).reshape(-1, 4, 4), params["influence_offsets"],
                params["influence_joints"], params["influence_weights"],
                np.zeros(len(params["positions"]), bool))
+
+
+def turned_rig(link) -> Rig:
+    """The session's mesh as a program with z up has it, whose bones point along y at rest."""
+    info, mesh = (link.call(method, {"session": "s"}) for method in ("session.info", "mesh.get"))
+    back = np.eye(4)
+    back[:3, :3] = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    along = np.eye(4)
+    along[:3, :3] = Rotation.from_euler("z", 35, degrees=True).as_matrix()
+    binds = back @ np.linalg.inv(mesh["inverse_binds"].reshape(-1, 4, 4)) @ along
+    none = np.empty(0)
+    return Rig((mesh["positions"] @ back[:3, :3].T).astype(np.float32), mesh["triangles"],
+               [bone["name"] for bone in info["bones"]], none, binds, none, none, none,
+               np.zeros(info["vertices"], bool))
 
 
 def random_rows(joints: np.ndarray, random: np.random.Generator) -> np.ndarray:
@@ -110,9 +125,9 @@ class Tool:
         self.channel.open()
         return self.until(lambda: self.channel.state == "ready")
 
-    def create(self, name: str = "s", influences: int = 4) -> "Tool":
+    def create(self, name: str = "s", influences: int = 4, durability: str = "full") -> "Tool":
         self.connect()
-        opening.create(self.sculpt, name, influences, False)
+        opening.create(self.sculpt, name, influences, False, durability)
         return self.begin("creating")
 
     def join(self, name: str = "s") -> "Tool":
@@ -238,8 +253,9 @@ class Tool:
     def cut_unread(self) -> None:
         """As cut(), and what the daemon has said since is lost."""
         self.channel._stream.socket.shutdown(socket.SHUT_RDWR)
-        while self.channel._stream.socket.recv(1 << 16):
-            pass
+        with suppress(BlockingIOError, ConnectionResetError):  # it stands still, or is dead
+            while self.channel._stream.socket.recv(1 << 16):
+                pass
 
     def check(self, other: Link) -> None:
         """All settled: what is shown, what is believed and what the daemon has are the same."""
@@ -353,9 +369,22 @@ class Mortal:
         """From now on it takes bytes in, and answers nothing."""
         self.daemon.process.send_signal(signal.SIGSTOP)
 
+    def go_on(self) -> None:
+        self.daemon.process.send_signal(signal.SIGCONT)
+
     def die(self) -> None:
         assert self.daemon.stop(signal.SIGKILL) == -signal.SIGKILL
         self.daemon = self.live()
+
+
+def agree(*tools: Tool) -> None:
+    """Until no tool does anything more: what one shows it may have to tell, and others hear it."""
+    quiet = 0
+    while quiet < 2:
+        revision = tools[0].sculpt.revision
+        for tool in (*tools, *tools):
+            tool.settle()
+        quiet = quiet + 1 if tools[0].sculpt.revision == revision else 0
 
 
 def no_session(link, name: str = "s") -> bool:
@@ -363,10 +392,10 @@ def no_session(link, name: str = "s") -> bool:
     return name not in [each["session"] for each in listed]
 
 
-def sent_and_solved(tool: Tool, other: Other, stroke: Stroke) -> None:
-    """The daemon has done it, and nothing of that was read."""
+def sent_and_solved(tool: Tool, other: Other) -> None:
+    """The daemon has done what the tool asked for last, and nothing of that was read."""
     revision = other.call("session.info")["revision"]
     deadline = time.monotonic() + SECONDS
     while other.call("session.info")["revision"] == revision:
         tool.flush()
-        assert time.monotonic() < deadline and not stroke.is_answered
+        assert time.monotonic() < deadline

@@ -9,8 +9,8 @@ import importlib
 # there, and is the first to stop.
 MODULES = (
     "properties", "preferences", "session", "hands", "strokes",
-    "history", "files", "overlays", "compare", "operators", "edits", "refit", "panel",
-    "panel_options", "pump",
+    "history", "files", "overlays", "compare", "operators", "edits", "refit", "claims", "panel",
+    "panel_sharing", "panel_options", "pump",
 )
 
 _registered: list = []

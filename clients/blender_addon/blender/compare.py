@@ -275,13 +275,13 @@ def draw_buttons(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
 
 
 CLASSES = (SKIND_OT_compare, SKIND_OT_show_before, SKIND_OT_play_clip)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 _handlers: list = []
 _keys: list = []
 
 
 def register() -> None:
-    for each in CLASSES:
-        bpy.utils.register_class(each)
+    _register_classes()
     bpy.types.WindowManager.skind_hold_before = bpy.props.BoolProperty(
         name="Hold to See Before",
         description="The weights as they were at Start, for as long as you hold the button",
@@ -304,5 +304,4 @@ def unregister() -> None:
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), 'WINDOW')
     del bpy.types.WindowManager.skind_hold_before
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)
+    _unregister_classes()

@@ -6,7 +6,7 @@ It finds a daemon that runs. Only when the artist wants something of it, need(),
 
 from __future__ import annotations
 
-import os
+import secrets
 import time
 
 import bpy
@@ -15,6 +15,7 @@ from ..core.channel import Channel
 from ..core.launch import Launcher
 from . import preferences
 
+TAG = secrets.token_hex(3)
 FAREWELL_S = 2.0  # only a daemon that does not answer costs it
 
 _channel: Channel | None = None
@@ -23,8 +24,9 @@ _sessions: list[dict] = []
 
 
 def client_name() -> str:
-    """Unique on this machine: updates that we caused ourselves come back under it."""
-    return f"Blender {bpy.app.version_string.split()[0]} ({os.getpid()})"
+    """Unique: updates that we caused ourselves come back under it. Not by the process's number,
+    which is the same for Blenders in containers."""
+    return f"Blender {bpy.app.version_string.split()[0]} ({TAG})"
 
 
 def channel() -> Channel:
@@ -33,7 +35,8 @@ def channel() -> Channel:
     if _channel is None:
         path = preferences.socket_path()
         _launcher = Launcher(path, preferences.candidates())
-        _channel = Channel(path, name=client_name(), version=bpy.app.version_string)
+        _channel = Channel(path, name=client_name(), version=bpy.app.version_string,
+                           user=preferences.person())
         _channel.open()
     return _channel
 

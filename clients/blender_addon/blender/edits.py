@@ -233,12 +233,4 @@ CLASSES = (SKIND_OT_pins_weigh, SKIND_OT_pins_clear, SKIND_OT_pins_solve, SKIND_
            SKIND_OT_keep_none, SKIND_OT_keep_again, SKIND_OT_mirror, SKIND_OT_prune,
            SKIND_OT_reduce, SKIND_MT_weights)
 
-
-def register() -> None:
-    for each in CLASSES:
-        bpy.utils.register_class(each)
-
-
-def unregister() -> None:
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -53,9 +53,4 @@ def _holds_data(idname: str) -> bool:
     return not is_pythons and not idname.startswith(VIEWING)
 
 
-def register() -> None:
-    bpy.utils.register_class(SKIND_OT_look_at_hands)
-
-
-def unregister() -> None:
-    bpy.utils.unregister_class(SKIND_OT_look_at_hands)
+register, unregister = bpy.utils.register_classes_factory((SKIND_OT_look_at_hands,))

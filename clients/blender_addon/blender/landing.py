@@ -22,6 +22,7 @@ import bpy
 import numpy as np
 
 from ..core import skin
+from ..core.presence import called
 from ..core.sculpt import Arrival
 from ..core.state import Change
 from . import hands, jobs, mesh, shapes, undo, weights
@@ -115,7 +116,8 @@ class Landing:
         elif arrival.client == sculpt.client:
             title = TITLES.get(arrival.cause, "Solve Pins")
         else:
-            title = f"{TITLES.get(arrival.cause, 'Stroke')} by {arrival.client or 'others'}"
+            who = called(arrival.client, arrival.user) if arrival.client else "others"
+            title = f"{TITLES.get(arrival.cause, 'Stroke')} by {who}"
             tell(title)
         undo.push(f"Skind: {title}")
 

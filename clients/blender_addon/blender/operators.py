@@ -223,15 +223,10 @@ CLASSES = (
     SKIND_OT_start, SKIND_OT_join, SKIND_OT_rejoin, SKIND_OT_forget, SKIND_OT_finish,
     SKIND_OT_cancel, SKIND_OT_export, SKIND_OT_solve, SKIND_OT_cancel_work, SKIND_OT_refresh,
 )
-
-
-def register() -> None:
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+register, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 
 
 def unregister() -> None:
     global _refused
     _refused = ((), [])
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The overlays: the posed mesh painted by what a session knows of each vertex, and a legend.
 
+What other tools claim is greyed in each, and over the mesh itself where no overlay is chosen.
+
 Owns the draw handlers and the painting that is shown. Drawn with the GPU module over the mesh: no
 material, attribute or mode of the user's is touched. A painting is made in slices, first within
 the draw itself (small meshes are there at once), the rest as a job; meanwhile the one before stays,
@@ -35,18 +37,20 @@ class Painting:
     """One overlay of one state of a session; `key` is all that it depends on.
 
     work() makes it; then `positions`, `rgba` and `legend` are there, and `batch` once it was drawn.
+    `claimed` bool [V]: what others claim.
     """
 
     def __init__(self, key: tuple, live: Any, rest: np.ndarray, pose: np.ndarray,
                  to_world: float) -> None:
         self.key = key
-        _, self.kind, self.bone, _, self.before, _, _ = key
+        _, self.kind, self.bone, _, self.before, _, _, _ = key
         self.live = live
         self.rest = rest
         self.pose = pose
         self.to_world = to_world  # world's length for one of the mesh's
         self.positions = np.empty((len(rest), 3), np.float32)
         self.rgba = np.empty((len(rest), 4), np.float32)
+        self.claimed = np.zeros(len(rest), bool)
         self.legend: colours.Legend | None = None
         self.batch: Any = None
         self._work = self._slices()
@@ -84,11 +88,23 @@ class Painting:
                                matrices)
             self.positions[part] = posed
             self.rgba[part] = paint(values[part])
+            self.claimed[part] = sculpt.presence.claimed(state, sculpt.bones, part)
+            colours.grey(self.rgba[part], self.claimed[part])
             colours.shade(self.rgba[part], ahead - posed)
             yield
-        self.legend = legend
+        self.legend = colours.with_claims(
+            legend, [other.name for other in sculpt.presence.claiming])
 
-    def _measure(self, sculpt: Any, part: slice) -> np.ndarray:
+    @property
+    def triangles(self) -> np.ndarray:
+        """Those to be drawn."""
+        every = self.live.triangles
+        return every if self.kind != 'NONE' else np.ascontiguousarray(
+            every[self.claimed[every].any(axis=1)])
+
+    def _measure(self, sculpt: Any, part: slice) -> np.ndarray | float:
+        if self.kind == 'NONE':
+            return np.nan
         if self.kind == 'RESIDUAL':
             return sculpt.residual[part]
         state = sculpt.start if self.before else sculpt.shown
@@ -105,6 +121,8 @@ class Painting:
 
     def _scale(self, sculpt: Any, values: np.ndarray) -> tuple:
         """The function from values to colours, and the legend that explains it."""
+        if self.kind == 'NONE':
+            return (lambda part: np.zeros((len(part), 4), np.float32)), colours.Legend("")
         known = values[~np.isnan(values)]
         largest = float(known.max()) if len(known) else float("nan")
         if self.kind == 'RESIDUAL':
@@ -173,6 +191,10 @@ def _visible_object(context: bpy.types.Context, live: Any) -> bpy.types.Object |
     return obj
 
 
+def _is_playing(context: bpy.types.Context) -> bool:
+    return context.screen is not None and context.screen.is_animation_playing
+
+
 def _painting(context: bpy.types.Context, live: Any, obj: bpy.types.Object,
               kind: str) -> Painting | None:
     """The painting to show now; begins and goes on with a new one where it is needed."""
@@ -187,7 +209,7 @@ def _painting(context: bpy.types.Context, live: Any, obj: bpy.types.Object,
     if kind == 'REACH':
         bone = context.scene.skind.overlay_bone or (group.name if group else "")
     key = (id(live), kind, bone, live.sculpt.version, live.shown_before, pose.tobytes(),
-           _state.rest_id)
+           _state.rest_id, live.sculpt.presence.version)
     shown = _state.shown
     if shown is not None and shown.key == key:
         return shown
@@ -195,8 +217,7 @@ def _painting(context: bpy.types.Context, live: Any, obj: bpy.types.Object,
         to_world = abs(obj.matrix_world.determinant()) ** (1 / 3) or 1.0
         rest = _state.rest + live.sculpt.shown.shapes[shape] if shape else _state.rest
         _state.work = Painting(key, live, rest, pose, to_world)
-    playing = context.screen is not None and context.screen.is_animation_playing
-    _advance_in_draw(PLAYING_BUDGET_S if playing else DRAW_BUDGET_S)
+    _advance_in_draw(PLAYING_BUDGET_S if _is_playing(context) else DRAW_BUDGET_S)
     shown = _state.shown
     if shown is not None and shown.key[:3] + shown.key[4:6] == key[:3] + key[4:6]:
         return shown  # the one before, in place still: the mesh has hardly moved
@@ -237,11 +258,14 @@ def _draw_view() -> None:
         kind = context.scene.skind.overlay
         if kind != _state.off:
             _state.off = ""
-        if live is None or not live.is_ready or kind == 'NONE':
+        if live is None or not live.is_ready or not (
+                kind != 'NONE' or live.sculpt.presence.claiming):
             clear()
             return
         if _state.off or live.is_stroking:
             return
+        if kind == 'NONE' and _is_playing(context):
+            return  # nobody asked for a painting that would cost every frame
         obj = _visible_object(context, live)
         if obj is None:
             return
@@ -255,10 +279,13 @@ def _draw_view() -> None:
 def _draw_painting(context: bpy.types.Context, live: Any, obj: bpy.types.Object,
                    painting: Painting) -> None:
     if painting.batch is None:
+        if len(painting.triangles) == 0:
+            return
         painting.batch = drawing.coloured_triangles(painting.positions, painting.rgba,
-                                                    live.triangles)
+                                                    painting.triangles)
     gpu.state.depth_test_set('LESS_EQUAL')
     gpu.state.depth_mask_set(True)  # the painting covers its own back where Blender draws no depth
+    gpu.state.blend_set('ALPHA')  # without an overlay, what nobody claims is seen through
     gpu.matrix.push()
     gpu.matrix.push_projection()
     try:
@@ -268,6 +295,7 @@ def _draw_painting(context: bpy.types.Context, live: Any, obj: bpy.types.Object,
     finally:
         gpu.matrix.pop_projection()
         gpu.matrix.pop()
+        gpu.state.blend_set('NONE')
         gpu.state.depth_mask_set(False)
         gpu.state.depth_test_set('NONE')
 
@@ -312,7 +340,8 @@ TITLE_SIZE, TEXT_SIZE, BAR_HEIGHT, SWATCH = 15, 13, 16, 14
 def draw_legend(context: bpy.types.Context, legend: colours.Legend) -> None:
     """Draws from the top of the box downwards; all measures are in units of the interface."""
     unit = drawing.scale()
-    lines = 1 + bool(legend.subtitle) + len(legend.swatches) + (2 if legend.ticks else 0)
+    lines = (bool(legend.title) + bool(legend.subtitle) + len(legend.swatches)
+             + (2 if legend.ticks else 0))
     width, height = WIDTH * unit, (lines * LINE + 2 * PADDING) * unit
     _, bottom, right, _ = drawing.free_area(context.area, context.region)
     left, bottom = right - width - MARGIN * unit, bottom + MARGIN * unit
@@ -320,8 +349,9 @@ def draw_legend(context: bpy.types.Context, legend: colours.Legend) -> None:
     left += PADDING * unit
     width -= 2 * PADDING * unit
     base = bottom + height - (PADDING + 16) * unit
-    drawing.text(left, base, legend.title, TITLE_SIZE * unit, BRIGHT)
-    base -= LINE * unit
+    if legend.title:
+        drawing.text(left, base, legend.title, TITLE_SIZE * unit, BRIGHT)
+        base -= LINE * unit
     if legend.subtitle:
         drawing.text(left, base, legend.subtitle, TEXT_SIZE * unit, MUTED)
         base -= LINE * unit

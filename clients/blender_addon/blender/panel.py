@@ -218,6 +218,12 @@ def _draw_session(context: bpy.types.Context, column: bpy.types.UILayout, live: 
     column.label(text=count(sculpt.strokes, "stroke"), icon='BRUSH_DATA')
     if sculpt.pending:
         column.label(text=f"{len(sculpt.pending)} pending", icon='SORTTIME')
+    if sculpt.unkept:
+        say(context, column, "Strokes are not kept on the disk until it can be written again: make "
+            f"room there ({sculpt.unkept}).", icon='ERROR', alert=True, margin=76)
+    if sculpt.damage:
+        say(context, column, f"The session's file was damaged: {sculpt.damage}", icon='ERROR',
+            alert=True, margin=76)
     _draw_last(context, column, sculpt.last, thing)
 
 
@@ -312,12 +318,4 @@ class SKIND_PT_notes(Panel, bpy.types.Panel):
 
 CLASSES = (SKIND_PT_main, SKIND_PT_seeing, SKIND_PT_notes)
 
-
-def register() -> None:
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -43,6 +43,7 @@ class Options:
         column.enabled = session.current() is None  # a session's influences are fixed
         self._choice(column, "influences", "Influences")
         column.prop(settings, "reduce")
+        self._choice(column, "durability", "Kept when skind dies")
         self._choice(layout.column(align=True), "method", "Method")
         column = layout.column()
         column.active = settings.method == 'exact'  # the thesis knows none of what follows
@@ -65,9 +66,9 @@ class Options:
             column.label(text=f"Chosen last: {live.sculpt.last['stiffness']:.2g}")
 
     def can(self, option: str) -> bool:
-        # Influences are chosen before Start, and Start may be what starts skind.
+        # What is chosen before Start may be chosen before skind runs, which Start may start.
         return options.can(option, self.hello.get("capabilities", ())) or (
-            not self.hello and option.startswith("influences."))
+            not self.hello and option.startswith(("influences.", "durability.")))
 
     def row(self, column: bpy.types.UILayout, option: str) -> bpy.types.UILayout:
         """A row for one option that may be greyed, the reason below it."""
@@ -171,12 +172,4 @@ class SKIND_PT_poses(Panel, bpy.types.Panel):
 
 CLASSES = (SKIND_PT_options, SKIND_PT_poses)
 
-
-def register() -> None:
-    for each in CLASSES:
-        bpy.utils.register_class(each)
-
-
-def unregister() -> None:
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)

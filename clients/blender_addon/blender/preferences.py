@@ -16,7 +16,7 @@ OWN_PROGRAMS = Path(__file__).resolve().parents[1] / "bin"
 
 
 class SKIND_AP_preferences(bpy.types.AddonPreferences):
-    """Both are empty for nearly everybody."""
+    """All are empty for nearly everybody."""
 
     bl_idname = ADDON
 
@@ -29,14 +29,21 @@ class SKIND_AP_preferences(bpy.types.AddonPreferences):
     )
     socket: StringProperty(
         name="Socket",
-        description="Where skind listens, a path. Empty: $SKIND_SOCKET, else the usual place",
+        description="Where skind listens: a path, or tcp: and a port, as in tcp:7531. "
+                    "Empty: $SKIND_SOCKET, else the usual place",
         subtype='FILE_PATH',
+        default="",
+    )
+    person: StringProperty(
+        name="Name",
+        description="Your name, as others in a session see it. Empty: that of your login",
         default="",
     )
 
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
         column.use_property_split = True
+        column.prop(self, "person")
         column.prop(self, "programs")
         column.prop(self, "socket")
         column.label(text=f"Empty means: {default_socket_path()}")
@@ -44,20 +51,31 @@ class SKIND_AP_preferences(bpy.types.AddonPreferences):
 
 
 def _chosen(name: str) -> str:
-    """A preference as an absolute path; "" when empty, or without an entry in the preferences."""
+    """A preference as it was typed; "" without an entry in the preferences."""
     addon = bpy.context.preferences.addons.get(ADDON)
-    text = getattr(addon.preferences, name, "") if addon is not None else ""
+    return getattr(addon.preferences, name, "").strip() if addon is not None else ""
+
+
+def _chosen_path(name: str) -> str:
+    """A preference as an absolute path, or "" when it is empty."""
+    text = _chosen(name)
     return os.path.expanduser(bpy.path.abspath(text)) if text else ""
 
 
 def socket_path() -> str:
-    """Where skind listens."""
-    return _chosen("socket") or default_socket_path()
+    """Where skind listens: a path, or "tcp:PORT"."""
+    chosen = _chosen("socket")
+    return chosen if chosen.startswith("tcp:") else _chosen_path("socket") or default_socket_path()
+
+
+def person() -> str:
+    """Whom others see at work here; "": by the name of the login."""
+    return _chosen("person")
 
 
 def candidates() -> list[Path]:
     """Where to look for skinctl, before PATH: what the user named, then the add-on's own."""
-    chosen = _chosen("programs")
+    chosen = _chosen_path("programs")
     return [Path(chosen), OWN_PROGRAMS] if chosen else [OWN_PROGRAMS]
 
 

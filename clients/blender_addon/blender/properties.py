@@ -46,6 +46,14 @@ class SKIND_PG_settings(bpy.types.PropertyGroup):
                     "Otherwise such a mesh is refused",
         default=False,
     )
+    durability: EnumProperty(
+        name="Kept",
+        description="What is left of a session when skind dies or the power fails",
+        items=(("full", "All", "All that was answered: each stroke is on the disk before that"),
+               ("second", "To 1 s", "All but the last second: for slow disks"),
+               ("off", "Nothing", "Nothing: the session is on no disk")),
+        default="full",
+    )
     automatic: BoolProperty(
         name="Automatic",
         description="Stiffness is chosen for each stroke from what it asks for: small where "

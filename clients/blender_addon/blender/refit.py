@@ -159,9 +159,9 @@ def refit(live, source_name: str, first: int, last: int, count: int, other_bones
     poses, positions = yield from sample(live.object_name, source_name, sculpt.rig.names,
                                          sculpt.rig.binds, sculpt.vertices, frames)
     answers: list = []
-    request = sculpt.refit(poses, positions, [f"frame {frame}" for frame in frames], other_bones,
-                           lambda *answer: answers.append(answer))
-    if request is None and not answers:
+    asked = sculpt.refit(poses, positions, [f"frame {frame}" for frame in frames], other_bones,
+                         lambda *answer: answers.append(answer))
+    if asked is None:
         raise jobs.Refused(f"the armature does not move in the frames {frames[0]} to {frames[-1]}: "
                            "choose frames in which it does")
     try:
@@ -169,7 +169,7 @@ def refit(live, source_name: str, first: int, last: int, count: int, other_bones
             yield jobs.WAIT
     finally:
         if not answers:  # it may be done before the daemon reads this; then it is a step to undo
-            channel.cancel(request)
+            sculpt.cancel(asked)
     result, error = answers[0]
     if error is not None:
         raise jobs.Refused(str(error))
@@ -240,9 +240,4 @@ class SKIND_OT_refit(bpy.types.Operator):
         return {'FINISHED'}
 
 
-def register() -> None:
-    bpy.utils.register_class(SKIND_OT_refit)
-
-
-def unregister() -> None:
-    bpy.utils.unregister_class(SKIND_OT_refit)
+register, unregister = bpy.utils.register_classes_factory((SKIND_OT_refit,))

@@ -8,6 +8,7 @@ there the rest shape is put back (see landing.py). Nothing but an answer moves t
 from __future__ import annotations
 
 import os
+import time
 import uuid
 from typing import Callable
 
@@ -20,6 +21,7 @@ from ..core.state import State
 from . import checks, connection, export, guards, jobs, mesh, rig, shapes, undo, weights
 from .landing import Landing
 from .messages import fault, tell
+from .properties import redraw_views
 from .snapshot import Snapshot
 
 PATIENCE_TICKS = 4000  # a job waits for the connection so long before it gives up, some 20 s
@@ -45,6 +47,7 @@ class Session:
         self._shape_shown: str | None = None  # whose corrective shape is switched on
         self.kept: list[tuple[str, np.ndarray]] = []  # poses kept by hand: label, matrices
         self._guard_wanted = False  # the poses to keep are to be gathered anew
+        self._presence_seen = 0  # its version, as the views were drawn last
 
     # ---- looking ----
 
@@ -96,8 +99,10 @@ class Session:
         if sculpt is None:
             return ()
         return (sculpt.phase, sculpt.version, sculpt.strokes, sculpt.problem, len(sculpt.pending),
-                sum(stroke.solved for stroke in sculpt.pending), self.shown_before,
-                self.is_outside, len(sculpt.guarded),
+                sum(stroke.solved for stroke in sculpt.pending), sculpt.unkept, sculpt.damage,
+                self.shown_before,
+                self.is_outside, len(sculpt.guarded), sculpt.presence.version,
+                sculpt.presence.others and int(time.time() // 60),  # since when they are here
                 tuple((pin["pose"], pin["weight"], pin["vertices"]) for pin in sculpt.pins))
 
     def run(self, work, label: str) -> jobs.Job:
@@ -118,10 +123,10 @@ class Session:
 
     # ---- beginning ----
 
-    def start(self, influences: int, reduce: bool):
+    def start(self, influences: int, reduce: bool, durability: str):
         """Job: the mesh as it is becomes a new session."""
         yield from self._read()
-        opening.create(self.sculpt, self.object_name, influences, reduce)
+        opening.create(self.sculpt, self.object_name, influences, reduce, durability)
         yield from self._until_ready("creating")
         yield from self._make_slots()
         self.want_guard()
@@ -136,12 +141,13 @@ class Session:
         self.want_guard()
         undo.push("Skind: Join")
 
-    def rejoin(self, name: str, influences: int):
-        """Job: joins it again if it is still there; else it begins anew from the mesh as it is."""
+    def rejoin(self, name: str, influences: int, durability: str):
+        """Job: joins it again if it is still there, or takes it back if it was closed; else it begins
+        anew from the mesh as it is."""
         original = self._remembered_snapshot()
         yield from self._read()
         try:
-            opening.join(self.sculpt, name)
+            opening.join(self.sculpt, name, is_kept=True)
             yield from self._until_ready("joining")
         except jobs.Refused:
             if self.sculpt.reason != "no_session":
@@ -149,7 +155,7 @@ class Session:
             if shapes.ours(self.object().data):
                 raise jobs.Refused(f"skind no longer has \"{name}\", and cannot take its shape "
                                    "keys along: Forget keeps the mesh as it is") from None
-            opening.create(self.sculpt, name, influences, True)
+            opening.create(self.sculpt, name, influences, True, durability)
             yield from self._until_ready("creating")
             tell(f"skind no longer has \"{name}\": it begins anew from this mesh.")
         yield from self._make_slots()
@@ -245,6 +251,9 @@ class Session:
         if self.sculpt.problem:
             tell(self.sculpt.problem)
             self.sculpt.problem = ""
+        if self.sculpt.presence.version != self._presence_seen:
+            self._presence_seen = self.sculpt.presence.version
+            redraw_views()
         self.switch_shapes()
         self.sculpt.ask_pins()
         self._gather_guard()

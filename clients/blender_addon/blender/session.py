@@ -75,7 +75,8 @@ def start(context: bpy.types.Context) -> list[str]:
     refusals = _occupied() or checks.refusals(obj, settings)
     if not refusals:
         session = _take(obj.name)
-        session.run(session.start(int(settings.influences), settings.reduce), "Starting")
+        session.run(session.start(int(settings.influences), settings.reduce, settings.durability),
+                    "Starting")
     return refusals
 
 
@@ -95,11 +96,12 @@ def rejoin(context: bpy.types.Context) -> list[str]:
     name = remembered(obj)
     if name is None:
         return ["This mesh was not saved in a session."]
-    refusals = _occupied() or checks.refusals(obj, context.scene.skind, any_influences=True,
-                                              own_keys=True)
+    settings = context.scene.skind
+    refusals = _occupied() or checks.refusals(obj, settings, any_influences=True, own_keys=True)
     if not refusals:
         session = _take(obj.name)
-        session.run(session.rejoin(name, int(context.scene.skind.influences)), f"Rejoining {name}")
+        session.run(session.rejoin(name, int(settings.influences), settings.durability),
+                    f"Rejoining {name}")
     return refusals
 
 

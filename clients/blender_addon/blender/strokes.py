@@ -128,11 +128,11 @@ class SKIND_OT_stroke(bpy.types.Macro):
 
 
 CLASSES = (SKIND_OT_stroke_begin, SKIND_OT_stroke_end, SKIND_OT_stroke_watch, SKIND_OT_stroke)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register() -> None:
-    for each in CLASSES:
-        bpy.utils.register_class(each)
+    _register_classes()
     SKIND_OT_stroke.define("SKIND_OT_stroke_begin")
     SKIND_OT_stroke.define("SCULPT_OT_brush_stroke")
     SKIND_OT_stroke.define("SKIND_OT_stroke_end")
@@ -150,5 +150,4 @@ def unregister() -> None:
     for keymap, item in _keymap_items:
         keymap.keymap_items.remove(item)
     _keymap_items.clear()
-    for each in reversed(CLASSES):
-        bpy.utils.unregister_class(each)
+    _unregister_classes()

@@ -18,12 +18,13 @@ import time
 from typing import Callable
 
 from .calls import Calls
-from .dial import Nobody, Refused, Retry, dial
+from .dial import Nobody, Refused, Retry, dial, shown
 from .exchange import Exchange
 from .launch import Launcher
 from .stream import Stream
 from .wire import PROTOCOL, Message, SkindError, WireError
 
+USER_BYTES_MAX = 64
 LAUNCH_PAUSE_S = 2.0
 HELLO_S = 5.0  # a greeting is answered at once, whatever is being solved
 SILENCE_S = 10.0
@@ -33,7 +34,8 @@ Done = Callable[["dict | None", "SkindError | None"], None]
 
 
 class Channel:
-    """A connection to skind that mends itself.
+    """A connection to skind that mends itself. `path` is a socket's, or "tcp:PORT"; `user`
+    the person, "" by the name of the login.
 
     state       "closed", "connecting", "starting" (the daemon is being started), "greeting",
                 "ready", or "waiting" (for the next try)
@@ -46,7 +48,7 @@ class Channel:
     end. A callback may call request, cancel, open and close.
     """
 
-    def __init__(self, path: str, *, name: str, version: str = "",
+    def __init__(self, path: str, *, name: str, version: str = "", user: str = "",
                  launcher: Launcher | None = None,
                  clock: Callable[[], float] = time.monotonic) -> None:
         self.path = os.fspath(path)
@@ -59,7 +61,7 @@ class Channel:
         self.on_notification: Callable[[Message], None] | None = None
         self.on_error: Callable[[Exception], None] | None = None
         self._client = {"name": name, "version": version, "id": secrets.token_hex(8),
-                        "user": getpass.getuser()[:64]}
+                        "user": _fitting(user or _login())}
         self._clock = clock
         self._stream: Stream | None = None  # while greeting or ready
         self._pending: dict[int, Done | None] = {}  # without the hello
@@ -172,6 +174,7 @@ class Channel:
     def _connect(self) -> None:
         just_started, self.state = self.state == "starting", "connecting"
         try:
+            token = shown(self.path)
             connection = dial(self.path)
         except Nobody:
             self._launch(just_started)
@@ -182,7 +185,7 @@ class Channel:
             self._farewell = ""
             self.state = "greeting"
             self._problem = "skind is being greeted"
-            self._ask("hello", {"protocol": PROTOCOL, "client": self._client})
+            self._ask("hello", {"protocol": PROTOCOL, "client": self._client, **token})
 
     def _launch(self, just_started: bool) -> None:
         """Nobody listens."""
@@ -295,6 +298,17 @@ class Channel:
         self._drop()
         self.state = "closed"
         self._problem = problem
+
+
+def _login() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # the system knows no name for whose process this is
+        return ""
+
+
+def _fitting(user: str) -> str:
+    return user.encode()[:USER_BYTES_MAX].decode(errors="ignore")
 
 
 def _is_hello(result: dict) -> bool:

@@ -15,8 +15,8 @@ stay apart for colour-blind eyes too.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Callable
+from dataclasses import dataclass, replace
+from typing import Callable, Sequence
 
 import numpy as np
 
@@ -158,6 +158,21 @@ def shade(rgba: np.ndarray, normals: np.ndarray) -> None:
     rgba[:, :3] *= (DARKEST + (1.0 - DARKEST) * lit).astype(np.float32)[:, None]
 
 
+# What others claim keeps a third of its colour: darker and greyer than NONE, so that either
+# is told from the other, and a ramp still reads.
+CLAIMED = (0.15, 0.15, 0.16)
+CLAIMED_SHARE = 0.68
+
+
+def grey(rgba: np.ndarray, claimed: np.ndarray) -> None:
+    """Darkens the colours [n,4] of claimed vertices, bool [n], in place; over nothing it is a veil
+    that lets what is below be seen as much."""
+    share = np.where(rgba[:, 3] > 0, CLAIMED_SHARE, 1.0)[:, None]
+    toned = rgba + (np.array([*CLAIMED, 1.0]) - rgba) * share
+    toned[rgba[:, 3] == 0, 3] = CLAIMED_SHARE
+    rgba[claimed] = toned[claimed]
+
+
 # ---- legends ----
 
 @dataclass(frozen=True)
@@ -202,3 +217,13 @@ def counts_legend(counts: np.ndarray) -> Legend:
     return Legend("Bones per vertex", swatches=tuple(
         (COUNT_COLOURS[count], f"{name}: {found[count]:,}".replace(",", "\u2009"))
         for count, name in names.items()))
+
+
+def with_claims(legend: Legend, names: Sequence[str]) -> Legend:
+    """The legend, with what is claimed by those of these names."""
+    if not names:
+        return legend
+    who = names[0] if len(names) == 1 else f"{len(names)} others"
+    seen = tuple((1 - CLAIMED_SHARE) * none + CLAIMED_SHARE * veil
+                 for none, veil in zip(NONE, CLAIMED))
+    return replace(legend, swatches=(*legend.swatches, (seen, f"claimed by {who}")))

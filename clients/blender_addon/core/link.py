@@ -17,6 +17,7 @@ from typing import Callable
 
 import numpy as np
 
+from .dial import port_of, shown, usual_socket_path
 from .exchange import Exchange
 from .stream import Stream
 from .wire import PROTOCOL, Message, Piece
@@ -24,13 +25,7 @@ from .wire import PROTOCOL, Message, Piece
 
 def default_socket_path() -> str:
     """Where the daemon listens when nobody says otherwise; the same rule as the daemon's."""
-    chosen = os.environ.get("SKIND_SOCKET", "")
-    if chosen:
-        return chosen
-    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
-    if runtime.startswith("/"):
-        return f"{runtime}/skind/skind.sock"
-    return f"/tmp/skind-{os.getuid()}/skind.sock"
+    return os.environ.get("SKIND_SOCKET", "") or usual_socket_path()
 
 
 class Link:
@@ -49,18 +44,24 @@ class Link:
 
     @classmethod
     def connect(cls, path: str | os.PathLike | None = None, *, name: str = "python",
-                version: str = "", id: str = "", lines: bool = False, timeout: float = 60.0,
+                version: str = "", id: str = "", user: str = "", lines: bool = False,
+                timeout: float = 60.0,
                 watch: Callable[[str, dict], None] | None = None) -> "Link":
         """Connects and says hello; the answer is in `.hello`.
 
-        `id` is what the program goes by over reconnects, for `sequence` and `own`.
+        `path` is a socket's, or "tcp:PORT". `id` is what the program goes by over reconnects, for
+        `sequence` and `own`; `user` a person.
         """
-        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        place = os.fspath(path or default_socket_path())
+        port, token = port_of(place), shown(place)
+        family = socket.AF_UNIX if port is None else socket.AF_INET
+        connection = socket.socket(family, socket.SOCK_STREAM)
         try:
-            connection.connect(os.fspath(path or default_socket_path()))
+            connection.connect(place if port is None else ("127.0.0.1", port))
             link = cls(connection, Exchange(lines=lines, watch=watch), timeout)
-            client = {"name": name, "version": version, **({"id": id} if id else {})}
-            link.hello = link.call("hello", {"protocol": PROTOCOL, "client": client})
+            client = {"name": name, "version": version,
+                      **({"id": id} if id else {}), **({"user": user} if user else {})}
+            link.hello = link.call("hello", {"protocol": PROTOCOL, "client": client, **token})
         except BaseException:
             connection.close()
             raise

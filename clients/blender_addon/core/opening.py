@@ -13,7 +13,8 @@ from typing import Generator
 import numpy as np
 
 from .rig import Y_UP, Rig, Space
-from .sculpt import Held, Sculpt, Talk, changes_to
+from .sculpt import GONE, Sculpt, Talk
+from .state import Held, changes_to
 from .wire import SkindError
 
 NAME_BYTES_MAX = 64
@@ -27,20 +28,26 @@ def session_name(wish: str, attempt: int = 1) -> str:
     return plain[:NAME_BYTES_MAX - len(tail)] + tail
 
 
-def create(sculpt: Sculpt, wish: str, influences: int, reduce: bool) -> None:
+def create(sculpt: Sculpt, wish: str, influences: int, reduce: bool,
+           durability: str = "full") -> None:
     """Makes a session from the tool's rig; its phase is `ready` when the slots are known."""
     sculpt.phase = "creating"
     sculpt.problem = sculpt.reason = ""
     sculpt.creation = {"influences": influences, "reduce": "largest" if reduce else "refuse"}
+    if "durability" in sculpt.channel.capabilities:
+        sculpt.creation["durability"] = durability
     sculpt.follow(_create(sculpt, wish))
 
 
-def join(sculpt: Sculpt, name: str) -> None:
-    """Joins a session that is there. Ends with a reason if it is of another mesh."""
+def join(sculpt: Sculpt, name: str, is_kept: bool = False) -> None:
+    """Joins a session that is there. Ends with a reason if it is of another mesh.
+
+    `is_kept`: one that was closed will do, too.
+    """
     sculpt.phase = "joining"
     sculpt.problem = sculpt.reason = ""
     sculpt.name = name
-    sculpt.follow(_join(sculpt))
+    sculpt.follow(_reopen(sculpt) if is_kept else _join(sculpt))
 
 
 def resume(sculpt: Sculpt) -> None:
@@ -76,23 +83,44 @@ def _create(sculpt: Sculpt, wish: str) -> Talk:
 
 
 def _attach(sculpt: Sculpt) -> Talk:
-    yield "session.attach", {}
+    attached = yield "session.attach", {}
+    sculpt.presence.attached(attached)
     held = yield from sculpt.fetch()
     if sculpt.phase == "ended":  # left while it was being opened
         yield from _leave(sculpt)
     else:
+        sculpt.instance = attached.get("instance", "")
         sculpt.adopt(held)
+
+
+def _reopen(sculpt: Sculpt) -> Talk:
+    """Joins it, wherever it is."""
+    opened = None
+    try:
+        try:
+            yield from _join(sculpt)
+        except SkindError as error:
+            if error.name != "no_session" or "session.save" not in sculpt.channel.capabilities:
+                raise
+            opened = yield "session.open", {"closed": sculpt.name}
+            yield from _join(sculpt)
+    except SkindError as error:
+        if opened is not None and error.name == "another_mesh":
+            yield "session.close", {}  # back to where it was
+        raise
 
 
 def _join(sculpt: Sculpt) -> Talk:
     info = yield "session.info", {}
+    sculpt.take_info(info)
     mesh = yield "mesh.get", {}
     sculpt.length, sculpt.notes = info["length"], info["notes"]
     sculpt.source = info["source"]
     # What tools made from arrays ends with the last of them; what a file holds has its own life.
     sculpt.is_ours = not sculpt.source
     sculpt.rig, sculpt.space = match(sculpt.rig, info, mesh)
-    sculpt.creation = {"influences": info["influences"], "reduce": "largest"}
+    sculpt.creation = {"reduce": "largest", **{
+        name: info[name] for name in ("influences", "durability") if name in info}}
     yield from _attach(sculpt)
 
 
@@ -127,41 +155,80 @@ def match(rig: Rig, info: dict, mesh: dict) -> tuple[Rig, Space]:
 
 
 def _resume(sculpt: Sculpt) -> Talk:
-    try:
-        yield "session.attach", {}
-    except SkindError as error:
-        if error.name != "no_session":
-            raise
-        sculpt.must_tell = True  # stays until it is done, over further losses
-        yield from _create_again(sculpt)
-    held = yield from sculpt.fetch()
-    if (yield from _is_another(sculpt, held)):
-        sculpt.end(f"session \"{sculpt.name}\" is another one now; Finish, and Start again")
-        sculpt.is_ours = sculpt.must_tell  # what we made just now; anything else is another's
-        yield from _leave(sculpt)
-        return
+    attached = yield from _attach_again(sculpt)
+    sculpt.presence.attached(attached)
+    is_same = not sculpt.must_tell and attached.get("instance", "") == sculpt.instance
+    held = None
+    if sculpt.must_tell or attached["resync"]:
+        held = yield from sculpt.fetch()
+        if (yield from _is_another(sculpt, held)):
+            sculpt.end(f"session \"{sculpt.name}\" is another one now; Finish, and Start again")
+            sculpt.is_ours = sculpt.must_tell  # what we made just now; anything else is another's
+            yield from _leave(sculpt)
+            return
     if sculpt.must_tell:
         held = yield from _tell(sculpt, held)
+        sculpt.guard_is_told = False
         if sculpt.pins:
             sculpt.problem = ("skind was started again, and does not know any more what was "
                               "sculpted in which pose; weights are what they were")
-    if sculpt.guard is not None:
+    if sculpt.guard is not None and not sculpt.guard_is_told:
         yield "guard.set", sculpt.guard_params()
+        sculpt.guard_is_told = True
     if sculpt.phase == "ended":  # left meanwhile
         yield from _leave(sculpt)
-    else:
+        return
+    if "durability" in sculpt.channel.capabilities:
+        sculpt.take_info((yield "session.info", {}))
+    missed = held is not None or attached["revision"] != sculpt.revision
+    sculpt.instance = attached.get("instance", "")
+    if held is not None:
         sculpt.catch_up(held)
-        sculpt.resumed()
+    sculpt.resumed(attached["revision"], missed, is_same)
+
+
+def _attach_again(sculpt: Sculpt) -> Generator[tuple[str, dict], dict, dict]:
+    """To the session that we had. One that was closed meanwhile is taken back; one that is nowhere
+    any more is made again."""
+    ways = [_take_back, _create_again]
+    while True:
+        try:
+            return (yield "session.attach", _known(sculpt))
+        except SkindError as error:
+            if error.name != "no_session" or not ways:
+                raise
+        yield from ways.pop(0)(sculpt)
+
+
+def _known(sculpt: Sculpt) -> dict:
+    """What session.attach is told so that it need not all be fetched again."""
+    if sculpt.must_tell or "updates.catch_up" not in sculpt.channel.capabilities:
+        return {}
+    return {"revision": sculpt.revision, "instance": sculpt.instance}
+
+
+def _take_back(sculpt: Sculpt) -> Talk:
+    """From among the closed sessions; another one of that name stays there."""
+    if "session.save" not in sculpt.channel.capabilities or sculpt.must_tell:
+        return
+    try:
+        opened = yield "session.open", {"closed": sculpt.name}
+    except SkindError as error:
+        if error.name in GONE:
+            raise
+        return  # it is not there, or another tool was faster
+    if opened["instance"] != sculpt.instance:
+        yield "session.close", {}
 
 
 def _create_again(sculpt: Sculpt) -> Talk:
     made_from = {"file": sculpt.source} if sculpt.source else sculpt.rig.params()
+    sculpt.must_tell = True  # stays until it is done, over further losses
     try:
         yield "session.create", {"name": sculpt.name, **made_from, **sculpt.creation}
     except SkindError as error:
         if error.name != "name_taken":  # another tool was faster
             raise
-    yield "session.attach", {}
 
 
 def _is_another(sculpt: Sculpt, held: Held) -> Generator[tuple[str, dict], dict, bool]:

@@ -22,6 +22,8 @@ NEEDS: dict[str, tuple[str, str]] = {
     "use_mask": ("mix", "take masks"),
     "residual.REST": ("residual.rest", "move the rest shape"),
     "residual.SHAPE": ("residual.shape", "make corrective shape keys"),
+    "durability.second": ("durability", "keep less than all"),
+    "durability.off": ("durability", "keep less than all"),
     "locks": ("locks", "leave locked groups alone"),
     "mirror": ("mirror", "mirror weights"),
     "prune": ("prune", "prune weights"),

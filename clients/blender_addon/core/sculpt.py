@@ -18,16 +18,19 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Callable, Generator
 
 import numpy as np
 
 from . import skin
+from .asks import Ask, Done, Stroke
 from .channel import Channel
+from .fetching import Fetching, fetch
 from .poses import Poses
+from .presence import Presence
 from .rig import Rig, Space
-from .state import NONE, Change, State, joined
+from .state import NONE, Change, Held, State, changes_to, joined
 from .steps import Step, Steps
 from .wire import Message, SkindError
 
@@ -35,7 +38,6 @@ Talk = Generator[tuple[str, dict], dict, None]  # yields requests, is sent their
 
 GONE = ("lost", "shutting_down")  # errors of a daemon that goes; what was asked is asked again
 SUM_SLACK = 1e-7  # weights.set keeps rows to the bit that sum to one so nearly
-RESHAPING = {"residual.rest", "residual.shape"}  # without these nothing but weights ever changes
 
 
 @dataclass(eq=False)
@@ -44,35 +46,6 @@ class Entry:
 
     step: Step | None = None
     dropped: bool = False  # its stroke was undone before its answer came
-
-
-@dataclass(eq=False)
-class Stroke:
-    """A stroke on its way. vertices u32 [n], targets f32 [n,3] in mesh space; pose f64 [B,4,4].
-
-    `result` is there when it is answered, `error` when it was refused. `host` is the tool's own.
-    """
-
-    vertices: np.ndarray
-    targets: np.ndarray
-    pose: np.ndarray
-    pose_name: str
-    options: dict
-    host: Any = None
-    request: int | None = None  # None: not sent, or its connection was lost
-    chunks: list[Change] = field(default_factory=list)
-    solved: int = 0
-    in_doubt: bool = False  # the connection was lost before the answer: it was solved or not
-    sequence: int = 0  # by which the daemon knows it when it is sent again; 0: it has none
-    result: dict | None = None
-    error: SkindError | None = None
-    dropped: bool = False
-    begun: float = field(default_factory=time.monotonic)
-    seconds: float = 0.0
-
-    @property
-    def is_answered(self) -> bool:
-        return self.result is not None or self.error is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,28 +57,11 @@ class Arrival:
     change: Change
     entry: Entry | None = None
     stroke: Stroke | None = None
+    user: str = ""  # the person at that client, where it was told
 
     @property
     def vertices(self) -> np.ndarray:
         return self.change.vertices
-
-
-@dataclass(frozen=True, eq=False)
-class Held:
-    """All that a session has, as it was fetched; `joints` as the daemon counts bones."""
-
-    revision: int
-    influences: int
-    joints: np.ndarray
-    state: State
-
-
-def changes_to(goal: State, now: State, vertices: np.ndarray | None = None) -> list[Change]:
-    """What makes `now` the goal, where these vertices are concerned: one change for weights, bones
-    and rest positions, and one for each shape."""
-    ahead = goal.differing(now, vertices)
-    found = [goal.of(ahead, now)] if len(ahead) else []
-    return found + [goal.of(those, now, name) for name, those in goal.reshaped(now, vertices)]
 
 
 class Sculpt:
@@ -125,6 +81,9 @@ class Sculpt:
         self.influences = 4
         self.length = 0.0
         self.revision = 0
+        self.instance = ""  # what `revision` is a revision of
+        self.unkept = ""  # why what is done is not kept on the disk for now; "" as it should be
+        self.damage = ""  # what the session's file had lost
         self.notes: list[dict] = []
         self.slots: dict = {}
         self.strokes = 0
@@ -142,17 +101,22 @@ class Sculpt:
         self.pins: list[dict] = []  # as pins.list tells them
         self.guard: np.ndarray | None = None  # f64 [Q,B,4,4] poses to keep, mesh space
         self._guard_count = 0
+        self.guard_is_told = True
         self.guarded: list[dict] = []  # which of them the daemon has picked
         self.space = Space(rig)
+        self.presence = Presence(self._request, self._say)
         self.creation: dict = {}  # how it was made, to make it again
         self.source = ""  # the file it was made from, if it was
         self.is_ours = False
         self.must_tell = False  # the session was made again, and lacks what was answered before
         self.first_joints: np.ndarray | None = None  # of revision 0, as the daemon counts bones
-        self._asked: set = set()  # what changes the session, and is not answered
-        self._by_request: dict[int, Stroke] = {}
+        self._asks: list[Ask] = []  # what has no answer, in order
+        self._fetches: set[object] = set()  # that are under way
         self._late: list[tuple[Stroke, Change]] = []  # answered; an update that covers it comes
-        # Numbers our strokes; above those of an earlier session of this connection (1/4096 ms).
+        self._early: list[Message] = []  # told while the session is being opened
+        self._behind = 0  # up to this revision updates tell what was missed
+        self._due = 0  # and up to this one they come
+        # Numbers our changes; above those of an earlier session of this connection (1/4096 ms).
         self._sequence = int(time.time() * 1000) << 12
         self._done: list[Entry] = []  # the daemon's history as far as we saw it grow
         self._undone: list[Entry] = []
@@ -193,7 +157,8 @@ class Sculpt:
     @property
     def is_settled(self) -> bool:
         """Nothing is under way that would change weights: a good moment to show what arrived."""
-        return (not self._asked and not self._late
+        return (not self._asks and not self._fetches and not self._late
+                and self.revision >= self._due
                 and all(stroke.is_answered for stroke in self.pending))
 
     # ---- talking ----
@@ -222,25 +187,74 @@ class Sculpt:
             return None
         return self.channel.request(method, {"session": self.name, **params}, done)
 
-    def _change(self, method: str, params: dict, done) -> int | None:
-        """A request that changes weights: `held` is not settled before its answer."""
-        sent: list[int] = []
+    def _change(self, method: str, params: dict, done: Done, *, vertices: np.ndarray = NONE,
+                stroke: Stroke | None = None, replays: bool = True) -> Ask:
+        """Asks for a change; while there is no connection it waits for the next one. See Ask."""
+        ask = Ask(method, params, done, vertices, stroke, replays)
+        self._asks.append(ask)
+        if self.phase == "ready":
+            self._send(ask)
+        elif self.phase == "ended":
+            self._give_up(ask)
+        return ask
 
-        def answered(result: dict | None, error: SkindError | None) -> None:
-            self._asked.difference_update(sent)
-            done(result, error)
-            self._settle()
+    def _send(self, ask: Ask) -> None:
+        if self.channel.state != "ready":
+            return  # the loss was not told yet; it is sent when resumed
+        for name in ask.poses:
+            self._need_pose(name)
+        if not ask.sequence and "sequence" in self.channel.capabilities:
+            self._sequence += 1
+            ask.sequence = self._sequence
+        numbered = {"sequence": ask.sequence} if ask.sequence else {}
+        if ask.stroke is not None:
+            ask.stroke.chunks.clear()
+        ask.request = self._request(ask.method, {**ask.params, **numbered},
+                                    lambda result, error: self._answered(ask, result, error))
+        if ask.is_cancelled:
+            self.channel.cancel(ask.request)
 
-        id = self._request(method, params, answered)
-        if id is not None:
-            sent.append(id)
-            self._asked.add(id)
-        return id
+    def _answered(self, ask: Ask, result: dict | None, error: SkindError | None) -> None:
+        if error is not None and error.name in GONE and self.phase != "ended":
+            ask.request, ask.in_doubt = None, True  # it is sent again when resumed
+            return
+        self._asks.remove(ask)
+        ask.request = None
+        if result is not None:
+            self._due = max(self._due, result["revision"])
+        ask.done(result, error)
+        self._reveal(ask)
+        self._settle()
+
+    def cancel(self, ask: Ask) -> None:
+        """Asks for a change to be given up; it is answered all the same."""
+        if ask not in self._asks:
+            return
+        if ask.request is not None:  # it may be done before the daemon reads this
+            self.channel.cancel(ask.request)
+        elif ask.in_doubt and ask.sequence:
+            ask.is_cancelled = True  # it is sent again, to hear what became of it
+        else:
+            self._give_up(ask)
+
+    def _give_up(self, ask: Ask) -> None:
+        """Nobody will know what became of it; what is shown counts."""
+        self._asks.remove(ask)
+        if ask.in_doubt:
+            self._led.append(ask.vertices)
+        ask.done(None, SkindError(0, "lost", "the connection to skind was lost", retryable=True))
+        self._reveal(ask)
+
+    def _say(self, problem: str) -> None:
+        self.problem = problem
 
     def end(self, problem: str, reason: str = "") -> None:
         """The session is over for this tool; the weights stay as they are shown."""
         self.phase = "ended"
         self.problem, self.reason = problem, reason
+        self.presence.end()
+        for ask in [each for each in self._asks if each.request is None and each.stroke is None]:
+            self._give_up(ask)
 
     # ---- strokes ----
 
@@ -255,24 +269,16 @@ class Sculpt:
         stroke = Stroke(vertices, targets.astype(np.float32), named.matrices, named.name, options,
                         host)
         self.pending.append(stroke)
-        if self.phase == "ready":
-            self._send(stroke)
+        self._ask_stroke(stroke)
         return stroke
 
-    def _send(self, stroke: Stroke) -> None:
-        self._need_pose(stroke.pose_name)
-        stroke.chunks.clear()
-        if not stroke.sequence and "sequence" in self.channel.capabilities:
-            self._sequence += 1
-            stroke.sequence = self._sequence  # it keeps it when it is sent again
-        numbered = {"sequence": stroke.sequence} if stroke.sequence else {}
-        stroke.request = self._change(
+    def _ask_stroke(self, stroke: Stroke) -> None:
+        stroke.ask = self._change(
             "stroke.apply",
             {"pose": stroke.pose_name, "vertices": stroke.vertices,
-             "positions": self.space.points(stroke.targets), **stroke.options, **numbered},
-            lambda result, error: self._answer(stroke, result, error))
-        if stroke.request is not None:
-            self._by_request[stroke.request] = stroke
+             "positions": self.space.points(stroke.targets), **stroke.options},
+            lambda result, error: self._answer(stroke, result, error),
+            vertices=stroke.vertices, stroke=stroke)
 
     def _need_pose(self, name: str) -> None:
         """The daemon must know this pose; one of another tool's it does know."""
@@ -286,27 +292,17 @@ class Sculpt:
         return {"pose": name, "matrices": self.space.pose(self.poses.get(name).matrices)}
 
     def _answer(self, stroke: Stroke, result: dict | None, error: SkindError | None) -> None:
-        self._by_request.pop(stroke.request, None)
-        if error is not None and error.name in GONE:  # it is sent again when resumed
-            stroke.in_doubt |= stroke.request is not None
-            stroke.request = None
-            if stroke.dropped:
-                self._led.append(stroke.vertices)
-            return
-        stroke.request = None
         if (error is not None and error.name == "unsupported" and not stroke.dropped
                 and stroke.options.get("residual") == "rest"):
             # It takes a second pose to tell rest and pose apart. The stroke is not lost for that.
             stroke.options = {name: value for name, value in stroke.options.items()
                               if name != "residual"}
             self.problem = str(error)
-            self._send(stroke)
+            self._ask_stroke(stroke)
             return
         stroke.seconds = time.monotonic() - stroke.begun
         stroke.result, stroke.error = result, error
         if result is None:
-            if stroke.in_doubt:  # what the daemon has for it is not what is shown
-                self._led.append(stroke.vertices)
             return
         change = joined(stroke.chunks, self.influences)
         stroke.chunks.clear()
@@ -314,26 +310,35 @@ class Sculpt:
             result["residuals"] = np.full(len(stroke.vertices), np.nan, np.float32)
             shape = stroke.pose_name if stroke.options.get("residual") == "shape" else ""
             self._take_late(stroke, self.held.of(stroke.vertices, shape=shape))
-        elif not result["vertices"] or self._is_next(result):
-            self.revision = max(self.revision, result["revision"]) if result["vertices"] else (
-                self.revision)
+        elif self._is_next(result):
+            self.revision = result["revision"]
             self.held.put(change)
             self._take_answer(stroke, change)
-        else:
+        elif result["vertices"]:
             self._take_late(stroke, change)
+        else:
+            self._take_answer(stroke, change)
 
     def _is_next(self, result: dict) -> bool:
         """Whether what we know of our own change is all that we lack; else an update that covers
         it comes, or came (protocol/PROTOCOL.md, Revisions)."""
-        return result["revision"] == self.revision + 1 and not result.get("repeated")
+        return (result["vertices"] > 0 and result["revision"] == self.revision + 1
+                and not result.get("repeated"))
 
     def _take_answer(self, stroke: Stroke, change: Change) -> None:
         """The stroke's change is in `held`."""
-        entry = self._remember(Entry(dropped=stroke.dropped))
+        entry = None
+        if stroke.result["vertices"]:
+            entry = self._remember(Entry(dropped=stroke.dropped))
+            if stroke.result["revision"] < self.revision:
+                self._forget_history()  # the steps after it were not told one by one
         if stroke.dropped:
             self._led.append(change.vertices)
         else:
             self._arrive("stroke", self.client, change, entry, stroke)
+            stroke.ask.hidden = [(np.setdiff1d(those, change.vertices), shape)
+                                 if shape in ("", change.shape) else (those, shape)
+                                 for those, shape in stroke.ask.hidden]
 
     def _take_late(self, stroke: Stroke, change: Change) -> None:
         self._late.append((stroke, change))
@@ -345,19 +350,17 @@ class Sculpt:
             stroke, change = late
             self._late.remove(late)
             self._take_answer(stroke, self.held.of(change.vertices, shape=change.shape))
+            self._reveal(stroke.ask)
 
     def drop(self, stroke: Stroke) -> None:
         """The stroke was undone before it was shown."""
         stroke.dropped = True
         self.pending.remove(stroke)
-        if stroke.request is not None:  # it may be done before the daemon reads this
-            self.channel.cancel(stroke.request)
-            return
-        if stroke.in_doubt:
-            self._led.append(stroke.vertices)
+        self.cancel(stroke.ask)
         for arrival in [each for each in self.arrived if each.stroke is stroke]:
             self.arrived.remove(arrival)
-            arrival.entry.dropped = True
+            if arrival.entry is not None:
+                arrival.entry.dropped = True
             self._led.append(arrival.vertices)
         self._settle()
 
@@ -367,8 +370,6 @@ class Sculpt:
              on_done: Callable[[dict], None] = lambda result: None) -> None:
         """Asks for a step that is no stroke: weights.mirror, weights.prune, weights.reduce,
         pins.weigh, pins.clear, pins.solve. It arrives; on_done hears of the answer."""
-        if "pose" in params:
-            self._need_pose(params["pose"])
         if method == "pins.solve":
             params = {**params, "stream": False}  # then it is told as edits are
 
@@ -403,20 +404,22 @@ class Sculpt:
         """Poses f64 [Q,B,4,4] that should stay as they are; the daemon picks `count` of them that
         are far from each other. None: no poses."""
         self.guard, self._guard_count = poses, count
+        self.guard_is_told = False  # it is told again when resumed
 
         def done(result: dict | None, error: SkindError | None) -> None:
+            self.guard_is_told = error is None or error.name not in GONE
             if result is not None:
                 self.guarded = result["poses"]
-            elif error.name not in GONE:  # else it is told again when resumed
+            elif self.guard_is_told:
                 self.guard, self.guarded, self.problem = None, [], str(error)
             on_done()
 
         self._request("guard.set", self.guard_params(), done)
 
     def refit(self, poses: np.ndarray, positions: np.ndarray, labels: list[str], other_bones: bool,
-              on_done: Callable[[dict | None, SkindError | None], None]) -> int | None:
+              on_done: Done) -> Ask | None:
         """Asks for weights that bring all vertices to positions f32 [P,V,3], mesh space, in poses
-        f64 [P,B,4,4]. It arrives; on_done hears of the answer. Returns the request, to cancel it.
+        f64 [P,B,4,4]. It arrives; on_done hears of the answer. Returns what to cancel.
 
         Of poses that are the same the first counts. None and no word to on_done: they all are.
         """
@@ -425,8 +428,6 @@ class Sculpt:
             chosen.setdefault(self.poses.need(pose, self.length, label).name, index)
         if len(chosen) < 2:
             return None
-        for name in chosen:
-            self._need_pose(name)
         wanted = positions[list(chosen.values())].reshape(-1, 3)
         return self._change("session.refit", {
             "poses": list(chosen), "positions": self.space.points(wanted),
@@ -441,9 +442,9 @@ class Sculpt:
     # ---- what the daemon did ----
 
     def _arrive(self, cause: str, client: str, change: Change, entry: Entry | None = None,
-                stroke: Stroke | None = None) -> None:
+                stroke: Stroke | None = None, user: str = "") -> None:
         """A change that is in `held` already waits to be shown."""
-        self.arrived.append(Arrival(cause, client, self.held.whole(change), entry, stroke))
+        self.arrived.append(Arrival(cause, client, self.held.whole(change), entry, stroke, user))
 
     def _remember(self, entry: Entry) -> Entry:
         self._done.append(entry)
@@ -453,9 +454,15 @@ class Sculpt:
     def notice(self, message: Message) -> None:
         """A notification of the channel's; those of other sessions are not for us."""
         params = message.params
-        if params.get("session") != self.name or self.phase != "ready":
-            return  # what happens while it is being opened is in the weights that are fetched last
-        if message.method == "stroke.weights":
+        if params.get("session") != self.name or self.phase == "ended":
+            return
+        if message.method in ("journal.suspended", "journal.resumed"):
+            self.unkept = params.get("reason", "")
+        elif self.presence.notice(message):
+            pass
+        elif self.phase != "ready":
+            self._early.append(message)
+        elif message.method == "stroke.weights":
             self._notice_chunk(params)
         elif message.method == "session.update":
             self._notice_update(params)
@@ -464,8 +471,14 @@ class Sculpt:
             if params["reason"] != "skind is stopping":
                 self.end(f"the session was closed: {params['reason']}")
 
+    def _take_early(self) -> None:
+        """`held` is known now: what was told meanwhile counts from there."""
+        early, self._early = self._early, []
+        for message in early:
+            self.notice(message)
+
     def _notice_chunk(self, params: dict) -> None:
-        stroke = self._by_request.get(params["request"])
+        stroke = next((ask.stroke for ask in self._asks if ask.request == params["request"]), None)
         if stroke is not None:
             stroke.chunks.append(self.space.change(params))
             stroke.solved = params["first"] + params["count"]
@@ -475,18 +488,30 @@ class Sculpt:
             return  # what we fetched holds it already
         is_missed = params.get("since", self.revision) > self.revision
         self.revision = params["revision"]
-        if params.get("resync") or is_missed or "changes" in params:
+        self.instance = params.get("instance", self.instance)
+        if params.get("resync") or is_missed:
             self._forget_history()
             self._resync()
             return
         change = self.space.change(params)
         self.held.put(change)
-        self._take_notice(params, change)
+        if self._tells_late(params):
+            self._forget_history()
+            self._take_missed(change.vertices, change.shape)
+        else:
+            self._take_notice(params, change)
         self._take_covered()
+        self._settle()
+
+    def _tells_late(self, params: dict) -> bool:
+        """Whether it tells several changes at once, or what was done while we were away."""
+        return ("changes" in params or self.revision <= self._behind
+                or (params["client"] == self.client and any(ask.in_doubt for ask in self._asks)))
 
     def _is_shown_late(self, change: Change) -> bool:
         """Whether it is one of our strokes, whose answer says what to do with it."""
-        streamed = [joined(stroke.chunks, self.influences) for stroke in self._by_request.values()]
+        streamed = [joined(ask.stroke.chunks, self.influences)
+                    for ask in self._asks if ask.stroke is not None]
         return any(np.array_equal(each.vertices, change.vertices)
                    for each in streamed + [late for _, late in self._late])
 
@@ -505,67 +530,60 @@ class Sculpt:
             self._done.append(self._undone.pop() if self._undone else Entry())
         else:
             entry = self._remember(Entry())
-        self._arrive(cause, params["client"], change, entry)
+        self._arrive(cause, params["client"], change, entry, user=params.get("user", ""))
 
-    def fetch(self) -> Generator[tuple[str, dict], dict, Held]:
-        """All that the session has. Takes several requests: what others change meanwhile is seen
-        by the revision, and then it is asked again."""
-        everything = np.arange(len(self.rig.positions), dtype=np.uint32)
-        while True:
-            listed: dict = {"shapes": [], "rest_moved": 0}
-            if RESHAPING & self.channel.capabilities:
-                listed = yield "shapes.list", {}
-            rest = self.rig.positions.copy()
-            if listed["rest_moved"]:
-                mesh = yield "mesh.get", {}
-                rest = self.space.rest(everything, mesh["rest"]).copy()
-            shapes: dict[str, np.ndarray] = {}
-            for name in {each["pose"]: None for each in listed["shapes"]}:
-                told = yield "shapes.get", {"pose": name}
-                shapes[name] = np.zeros_like(rest)
-                shapes[name][told["vertices"]] = self.space.offsets(told["offsets"])
-            held = yield "weights.get", {}
-            if held["revision"] == listed.get("revision", held["revision"]):
-                joints = held["joints"].copy()
-                return Held(held["revision"], held["influences"], joints, State(
-                    self.space.joints(joints).copy(), held["weights"].copy(), rest, shapes))
+    def take_info(self, info: dict) -> None:
+        """What session.info tells of how the session is kept."""
+        is_suspended = info.get("journal") == "suspended"
+        self.unkept = (self.unkept or "its file cannot be written") if is_suspended else ""
+        self.damage = info.get("damage", "")
+
+    def fetch(self) -> Fetching:
+        """All that the session has."""
+        return fetch(self.rig, self.space, self.channel.capabilities)
 
     def _resync(self, scaled: np.ndarray = NONE) -> None:
         mark = object()
-        self._asked.add(mark)
+        self._fetches.add(mark)
 
         def talk() -> Talk:
             try:
                 held = yield from self.fetch()
+                while held.revision < self.revision:  # an update was faster than the answer
+                    held = yield from self.fetch()
             finally:
-                self._asked.discard(mark)
+                self._fetches.discard(mark)
             self.catch_up(held, scaled)
             self._settle()
 
         self.follow(talk())
 
     def catch_up(self, held: Held, scaled: np.ndarray = NONE) -> None:
-        """All that the daemon has was fetched: what is new in it arrives, `scaled` anyway.
-
-        But not where the tool is ahead, nor what may be from a stroke that is asked for again.
-        """
+        """All that the daemon has was fetched: what is new in it arrives, `scaled` anyway."""
         before, self.held, self.revision = self.held, held.state, held.revision
         self._take_covered()
-        doubted = [each for each in self.pending if each.in_doubt]
-
-        def unknown(vertices: np.ndarray, strokes: list[Stroke]) -> np.ndarray:
-            for those in self._led + [stroke.vertices for stroke in strokes]:
-                vertices = np.setdiff1d(vertices, those)
-            return vertices
-
-        new = np.union1d(unknown(self.held.differing(before), doubted), scaled).astype(np.uint32)
-        if len(new):
-            self._arrive("resync", "", self.held.of(new))
+        self._take_missed(np.union1d(self.held.differing(before), scaled).astype(np.uint32))
         for name, reshaped in self.held.reshaped(before):
-            new = unknown(reshaped, [stroke for stroke in doubted if stroke.pose_name == name
-                                     and stroke.options.get("residual") == "shape"])
-            if len(new):
-                self._arrive("resync", "", self.held.of(new, shape=name))
+            self._take_missed(reshaped, name)
+
+    def _take_missed(self, vertices: np.ndarray, shape: str = "") -> None:
+        """Something was done to these, which `held` has already. It arrives, but not where the tool
+        is ahead, nor before the answer where what was asked for may have done it."""
+        for those in self._led:
+            vertices = np.setdiff1d(vertices, those)
+        for ask in self._asks + [stroke.ask for stroke, _ in self._late]:
+            own = np.intersect1d(vertices, ask.vertices)
+            if len(own):
+                ask.hidden.append((own, shape))
+                vertices = np.setdiff1d(vertices, own)
+        if len(vertices):
+            self._arrive("resync", "", self.held.of(vertices, shape=shape))
+
+    def _reveal(self, ask: Ask) -> None:
+        """It has its answer: what was done before or after it arrives, too."""
+        hidden, ask.hidden = ask.hidden, []
+        for vertices, shape in hidden:
+            self._take_missed(vertices, shape)
 
     def _forget_history(self) -> None:
         self._done.clear()
@@ -677,13 +695,17 @@ class Sculpt:
             self._led += [change.vertices for change in ahead[1:]]
 
     def _go(self, method: str, origin: list[Entry], goal: list[Entry]) -> None:
+        entry = origin[-1]
+
         def done(result: dict | None, error: SkindError | None) -> None:
-            if result is not None and origin:
+            if result is not None and origin and origin[-1] is entry:
                 goal.append(origin.pop())
-                goal[-1].dropped = False  # what redoes it is another's wish
-            elif error is not None and error.name not in GONE:
-                self._forget_history()  # the daemon's is shorter: set the rows instead
-        self._change(method, {}, done)
+                entry.dropped = False  # what redoes it is another's wish
+            else:
+                self._forget_history()  # the daemon's is another: set the rows instead
+
+        vertices = NONE if entry.step is None else entry.step.vertices
+        self._change(method, {}, done, vertices=vertices, replays=False)
 
     def _set(self, change: Change) -> None:
         vertices = change.vertices
@@ -705,9 +727,8 @@ class Sculpt:
                 self.problem = str(error)
                 self._arrive("resync", "", self.held.of(vertices, shape=change.shape))
 
-        if change.shape:
-            self._need_pose(change.shape)
-        self._change("weights.set", self.space.params(change), done)
+        self._change("weights.set", self.space.params(change), done, vertices=vertices,
+                     replays=False)
 
     # ---- the connection ----
 
@@ -719,15 +740,20 @@ class Sculpt:
             self.end("the connection to skind was lost", "lost")
             return
         self.phase = "lost"
-        self._asked.clear()
-        for stroke, _ in self._late:  # `held` will have it when it was fetched again
-            stroke.result, stroke.in_doubt = None, True
+        self.presence.lost()
+        self._fetches.clear()
+        # What was answered and not told comes with the same answer again.
+        for stroke, _ in self._late:
+            stroke.result, stroke.ask.in_doubt = None, True
+        self._asks[:0] = [stroke.ask for stroke, _ in self._late]
         self._late.clear()
-        self._by_request.clear()
+        self._early.clear()
+        self._behind = self._due = 0
         self._poses_sent.clear()
         self._pins_at = -1
-        for stroke in self.pending:
-            stroke.request = None
+        for ask in self._asks:
+            ask.in_doubt |= ask.request is not None
+            ask.request = None
 
     def adopt(self, held: Held) -> None:
         """A session was opened: takes what it has as the start, and is ready."""
@@ -740,13 +766,25 @@ class Sculpt:
         self.residual = np.full(len(self.joints), np.nan, np.float32)
         self.version += 1
         self.phase = "ready"
+        self._take_early()
 
-    def resumed(self) -> None:
-        """The session is there again: what waits is sent."""
+    def resumed(self, revision: int, missed: bool, remembers: bool) -> None:
+        """The session is there again: what waits is sent.
+
+        `revision`: what happened up to it comes as updates. `missed`: others may have been at work.
+        `remembers`: it is the session that it was, with the answers that it gave.
+        """
+        self._behind = self._due = revision
+        if missed:
+            self._forget_history()
+            self._hops.clear()
         self.phase = "ready"
-        self._forget_history()
-        self._hops.clear()
-        for stroke in self.pending:
-            if not stroke.is_answered:
-                self._send(stroke)
+        for ask in list(self._asks):
+            knows = remembers and ask.in_doubt and ask.sequence  # it tells what became of it
+            if (ask.is_cancelled or not ask.replays) and not knows or missed and not ask.replays:
+                self._give_up(ask)
+                continue
+            ask.in_doubt &= remembers
+            self._send(ask)
+        self._take_early()
         self._settle()

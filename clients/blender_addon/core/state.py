@@ -149,3 +149,21 @@ class State:
         change = Change(vertices, self.weights[vertices], self.joints[vertices],
                         self.rest[vertices], shape, offsets)
         return change if like is None else like.trimmed(change)
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """All that a session has, as it was fetched; `joints` as the daemon counts bones."""
+
+    revision: int
+    influences: int
+    joints: np.ndarray
+    state: State
+
+
+def changes_to(goal: State, now: State, vertices: np.ndarray | None = None) -> list[Change]:
+    """What makes `now` the goal, where these vertices are concerned: one change for weights, bones
+    and rest positions, and one for each shape."""
+    ahead = goal.differing(now, vertices)
+    found = [goal.of(ahead, now)] if len(ahead) else []
+    return found + [goal.of(those, now, name) for name, those in goal.reshaped(now, vertices)]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import resource
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Iterator
+from typing import Callable, Iterator
 
 import bpy
+import numpy as np
 
-from inside import artist, rigs
+from inside import artist, claims, rigs
 from inside.windows import Steps, Window
-from skind.blender import panel
+from skind.blender import panel, panel_options, panel_sharing
 
 
 def _open(panel: type) -> None:
@@ -33,6 +35,57 @@ def opened(closed: type) -> Iterator[None]:
     yield
     bpy.utils.unregister_class(unfolded)
     bpy.utils.register_class(closed)
+    _put_in_order()
+
+
+def _put_in_order() -> None:
+    """Boxes stand in the order in which they were registered."""
+    boxes = [box for box in (*panel.CLASSES[1:], *panel_sharing.CLASSES, *panel_options.CLASSES)
+             if hasattr(bpy.types, box.__name__)]
+    for box in boxes:
+        bpy.utils.unregister_class(box)
+    for box in boxes:
+        bpy.utils.register_class(box)
+
+
+@contextmanager
+def away(box: type) -> Iterator[None]:
+    """Room for another: without this box."""
+    bpy.utils.unregister_class(box)
+    yield
+    bpy.utils.register_class(box)
+    _put_in_order()
+
+
+def shared(window: Window, picture: Callable[[str], Steps]) -> Steps:
+    """Another tool is here and claims; we do; it is gone, and we still do."""
+    from skind.blender import session
+    presence = session.current().sculpt.presence
+    with claims.script() as link:
+        yield from window.wait_until(lambda: presence.others)
+        yield from picture("alone with one")
+        bones = [f"bone.{index}" for index in range(6)]
+        claims.claim(link, bones=bones, vertices=np.arange(12, dtype=np.uint32))
+        yield from window.wait_until(lambda: presence.claiming)
+        presence.claim(bones=bones[:1])
+        yield from picture("shared")
+    yield from window.wait_until(lambda: not presence.others)
+    yield from picture("left")
+    presence.release()
+
+
+def full_disk(window: Window, mesh: bpy.types.Object, picture: Callable[[str], Steps]) -> Steps:
+    """The daemon's files may not grow for a while."""
+    sculpt, pid = artist.modules()[0].current().sculpt, artist.daemon_pid()
+    limits = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (4096, limits[1]))
+    artist.bump(mesh, 300, 0.3, 0.1)
+    with window.context():
+        bpy.ops.skind.solve()
+    yield from window.wait_until(lambda: sculpt.unkept and artist.is_settled())
+    yield from picture("not kept")
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)
+    yield from window.wait_until(lambda: not sculpt.unkept)
 
 
 def states(window: Window, folder: str) -> Steps:
@@ -40,7 +93,7 @@ def states(window: Window, folder: str) -> Steps:
 
     A picture of each; returns what was refused, and the last answer.
     """
-    from skind.blender import operators, panel_options, session
+    from skind.blender import operators, session
 
     def picture(name: str) -> Steps:
         panel.tag_redraw()
@@ -82,17 +135,17 @@ def states(window: Window, folder: str) -> Steps:
     yield from window.wait_until(artist.is_settled)
     yield from picture("sculpting")
     live = session.current()
-    bpy.utils.unregister_class(panel_options.SKIND_PT_options)  # room for the other box
     settings = bpy.context.scene.skind
     settings.keep, settings.keep_from = True, 'HAND'
     with window.context():
         bpy.ops.skind.keep_pose()
     yield from window.wait_until(lambda: live.sculpt.guarded and live.sculpt.pins)
     yield from window.wait_until(artist.is_settled)
-    with opened(panel_options.SKIND_PT_poses):
+    with opened(panel_options.SKIND_PT_poses), away(panel_options.SKIND_PT_options):
         yield from picture("poses")
     pins, kept = len(live.sculpt.pins), len(live.sculpt.guarded)
-    bpy.utils.register_class(panel_options.SKIND_PT_options)
+    yield from shared(window, picture)
+    yield from full_disk(window, mesh, picture)
     live.cancel()
     yield from window.wait_until(lambda: session.current() is None)
     return {"reported": reported, "shown": shown, "forgotten": forgotten,

@@ -27,6 +27,7 @@ BENT = 100  # degrees of the elbow in which it is sculpted
 FLAT = (0.13, 0.13, 0.14)  # of the viewport: one colour, and none of the panel's, is easy to crop
 CLOSE = (-190, -200, 230, 150)  # the elbow's picture around the viewport's middle, in pixels
 SECONDS = 60.0  # for what a busy machine with software GL may take
+CLAIMED = ("DEF-thigh.L", "DEF-shin.L", "DEF-foot.L", "DEF-toe.L")  # by the other; and .001 of each
 OVERLAYS = ("RESIDUAL", "CHANGE", "INFLUENCES", "REACH")
 
 
@@ -58,6 +59,13 @@ class Album:
         with self._alone():
             x, y = self.window.middle()
             yield from self.take(name, (x + CLOSE[0], y + CLOSE[1], x + CLOSE[2], y + CLOSE[3]))
+
+    def middle(self, name: str) -> Steps:
+        """The viewport around the character as a whole, with the legend."""
+        with self._alone():
+            region = self.window.region
+            x, y = self.window.middle()
+            yield from self.take(name, (x - 300, region.y, region.x + region.width, y + 340))
 
     def view(self, name: str) -> Steps:
         """The whole viewport, with its bars."""
@@ -97,7 +105,9 @@ def story(window: Window, folder: str, flag: str) -> Steps:
 
 
 def other(flag: str) -> None:
-    """The second tool: holds a session with the same character, and makes a stroke in it."""
+    """The second tool, Ben's: holds a session with the same character, makes a stroke in it, and
+    claims the left leg."""
+    bpy.context.preferences.addons["skind"].preferences.person = "Ben"
     body, rig = character()
     pose(rig, BENT)
     artist.wait_outside(flag, "hold", 300)
@@ -107,6 +117,8 @@ def other(flag: str) -> None:
     artist.shift(body, artist.bendable(np.random.default_rng(0)), 0.2, 0.5)
     live.solve()
     artist.until(artist.is_settled)
+    live.sculpt.presence.claim(bones=[bone for bone in live.sculpt.bones
+                                       if bone.startswith(CLAIMED)])
     artist.wait_outside(flag, "seen")
     artist.stop("finish")
 
@@ -264,13 +276,13 @@ def _sculpting(window: Window, album: Album, rig: bpy.types.Object) -> Steps:
 
 def _poses(window: Window, album: Album, live: object) -> Steps:
     """The box Poses, with a pose kept by hand; and without it again."""
-    from skind.blender import panel_options
+    from skind.blender import panel, panel_options
     settings = bpy.context.scene.skind
     settings.keep_from, settings.keep = 'HAND', True
     with window.context():
         bpy.ops.skind.keep_pose()
     yield from window.wait_until(lambda: live.sculpt.guarded and live.sculpt.pins, SECONDS)
-    with panels.opened(panel_options.SKIND_PT_poses):
+    with panels.opened(panel_options.SKIND_PT_poses), panels.away(panel.SKIND_PT_seeing):
         yield from window.drawn()
         yield from album.panel("panel-poses")
     settings.keep = False
@@ -327,6 +339,10 @@ def _sharing(window: Window, album: Album, flag: str) -> Steps:
     strokes = session.current().sculpt.revision
     artist.signal_outside(flag, "joined")
     yield from window.wait_until(lambda: session.current().sculpt.revision > strokes, SECONDS)
+    presence = session.current().sculpt.presence
+    yield from window.wait_until(lambda: presence.claiming, SECONDS)
     yield from _settled(window)
     yield from album.panel("panel-shared")
+    yield from window.look(session.current().object(), "corner", zoom=1.45)
+    yield from album.middle("claimed")
     artist.signal_outside(flag, "seen")

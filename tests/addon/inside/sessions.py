@@ -283,6 +283,7 @@ def opened(path: str, how: str, before: dict, flag: str = "") -> dict:
     assert live is not None, session.told()
     found |= {"joined": artist.mesh_weights(), "name": live.sculpt.name, "equal": artist.equal(),
               "marks": [key for key in mesh.data.keys() if key.startswith("skind")],
+              "undo_steps": artist.call("session.info", {"session": live.sculpt.name})["undo_steps"],
               "told": session.told()}
     artist.stroke(mesh, 1500, 0.3, 0.05)
     found |= {"stroked": artist.mesh_weights(), "equal": found["equal"] and artist.equal()}
