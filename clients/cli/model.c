@@ -134,6 +134,23 @@ void skd_model_close(struct skd_model *model)
     *model = (struct skd_model){0};
 }
 
+enum skd_status skd_change_call(struct skd_link *link, const char *session, const char *method,
+                                cJSON *body, const struct skd_array_out *arrays, int array_count,
+                                struct skd_message *answer, struct skd_error *error)
+{
+    struct skd_model model;
+    *answer = (struct skd_message){0};
+    enum skd_status status = skd_model_open(&model, link, session, error);
+    if (status == SKD_OK) {
+        skd_add_sequence(body);
+        status = skd_model_call(&model, method, body, arrays, array_count, answer, error);
+    } else {
+        cJSON_Delete(body);
+    }
+    skd_model_close(&model);
+    return status;
+}
+
 enum skd_status skd_model_fetch_mesh(struct skd_model *model, struct skd_error *error)
 {
     struct skd_fetched *rest = &model->rest;

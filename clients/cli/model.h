@@ -47,6 +47,13 @@ SKD_MUST_CHECK enum skd_status skd_model_call(struct skd_model *model, const cha
                                               int array_count, struct skd_message *answer,
                                               struct skd_error *error);
 
+/* A change of a session that is made once, whatever happens to the connection meanwhile: numbered,
+ * and sent again when the daemon dies on the way. */
+SKD_MUST_CHECK enum skd_status skd_change_call(struct skd_link *link, const char *session,
+                                               const char *method, cJSON *body,
+                                               const struct skd_array_out *arrays, int array_count,
+                                               struct skd_message *answer, struct skd_error *error);
+
 /* Numbers a request that must not be done twice: no two of this terminal's have the same. */
 void skd_add_sequence(cJSON *body);
 

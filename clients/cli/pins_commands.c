@@ -129,8 +129,8 @@ static int change_pins(struct skd_link *link, const char *session, const struct 
     if (request->action == WEIGH)
         cJSON_AddNumberToObject(body, "weight", request->weight);
     enum skd_status status =
-        skd_link_call(link, request->action == WEIGH ? "pins.weigh" : "pins.clear", body, &named,
-                      stroke->vertices != NULL, &answer, error);
+        skd_change_call(link, session, request->action == WEIGH ? "pins.weigh" : "pins.clear", body,
+                        &named, stroke->vertices != NULL, &answer, error);
     return skd_cli_conclude(link, &answer, status, skd_print_step);
 }
 

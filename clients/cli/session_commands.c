@@ -269,7 +269,7 @@ static int turn_history(const char *method, struct skd_error *error)
     cJSON *body = skd_session_body(session);
     if (options.own)
         cJSON_AddTrueToObject(body, "own");
-    enum skd_status status = skd_link_call(&link, method, body, NULL, 0, &answer, error);
+    enum skd_status status = skd_change_call(&link, session, method, body, NULL, 0, &answer, error);
     return skd_cli_conclude(&link, &answer, status, skd_print_step);
 }
 

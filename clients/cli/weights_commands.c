@@ -221,8 +221,9 @@ static int edit_weights(enum action action, struct skd_link *link, const char *s
         [MIRROR] = "weights.mirror", [PRUNE] = "weights.prune", [REDUCE] = "weights.reduce"};
     const struct skd_array_out named = {"vertices", SKD_U32, count, 0, vertices};
     struct skd_message answer;
-    enum skd_status status = skd_link_call(link, methods[action], edit_body(action, session),
-                                           &named, vertices != NULL, &answer, error);
+    enum skd_status status =
+        skd_change_call(link, session, methods[action], edit_body(action, session), &named,
+                        vertices != NULL, &answer, error);
     return skd_cli_conclude(link, &answer, status, print_edited);
 }
 

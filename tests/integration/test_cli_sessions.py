@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import os
 import random
+import select
 import signal
+import socket
 import subprocess
+import threading
 import time
 from pathlib import Path
 from typing import Callable, Iterator
@@ -176,6 +179,65 @@ def test_a_replay_says_what_was_lost(body: Cli) -> None:
     kill(body)
     _, talk = replay.communicate(timeout=60)
     assert replay.returncode == 1 and "connecting again" in talk and "body" in talk
+
+
+class Cutter:
+    """Stands between skinctl and the daemon, and once loses the answer to a method."""
+
+    def __init__(self, daemon: Path, path: Path, method: str) -> None:
+        self.daemon, self.method, self.cuts = daemon, method.encode(), 0
+        self.listener = socket.socket(socket.AF_UNIX)
+        self.listener.bind(str(path))
+        self.listener.listen()
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                client, _ = self.listener.accept()
+            except OSError:
+                return
+            with client, socket.socket(socket.AF_UNIX) as daemon:
+                daemon.connect(str(self.daemon))
+                self._carry(client, daemon)
+
+    def _carry(self, client: socket.socket, daemon: socket.socket) -> None:
+        asked = False
+        while True:
+            for end in select.select([client, daemon], [], [])[0]:
+                data = end.recv(1 << 16)
+                if not data:
+                    return
+                if end is client:
+                    asked = asked or self.method in data
+                    daemon.sendall(data)
+                elif asked and self.cuts == 0:
+                    self.cuts += 1
+                    return
+                else:
+                    client.sendall(data)
+
+
+@pytest.mark.parametrize("method, arguments", [
+    ("history.undo", ["undo"]), ("history.undo", ["undo", "--own"]), ("history.redo", ["redo"]),
+    ("weights.prune", ["weights", "prune", "--below", "0.05"]),
+    ("weights.mirror", ["weights", "mirror"]), ("pins.weigh", ["pins", "weigh", "bent", "2"]),
+    ("pins.clear", ["pins", "clear", "bent"])])
+def test_a_change_whose_answer_was_lost_is_made_once(body: Cli, folder, method, arguments) -> None:
+    for _ in range(3):
+        stroke(body)
+    body.run("undo")
+    before = body.json("info")
+    away = Cli(body.folder)
+    cutter = Cutter(body.socket, folder / "cut.sock", method)
+    with cutter.listener:
+        done = away.run("--socket", folder / "cut.sock", *arguments)
+    after = body.json("info")
+    assert cutter.cuts == 1 and "connecting again" in done.stderr
+    assert after["revision"] == before["revision"] + 1
+    if arguments[0] in ("undo", "redo"):
+        step = -1 if arguments[0] == "undo" else 1
+        assert after["undo_steps"] == before["undo_steps"] + step
 
 
 def test_undo_of_ones_own(body: Cli) -> None:
