@@ -315,6 +315,22 @@ static int connect_to(int fd, const char *path, int port)
     return result == 0 ? 0 : errno;
 }
 
+/* A socket in /tmp may be somebody else's, who made it before us. */
+static enum skd_status check_owner(int fd, const char *path, struct skd_error *error)
+{
+    struct ucred owner;
+    socklen_t bytes = sizeof owner;
+    if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &owner, &bytes) != 0)
+        return skd_fail(error, SKD_FILE_IO, "it cannot be seen whose %s is: %s", path,
+                        strerror(errno));
+    if (owner.uid != geteuid())
+        return skd_fail(error, SKD_FILE_IO,
+                        "%s is a socket of user %ld and not yours; choose another with "
+                        "SKIND_SOCKET",
+                        path, (long)owner.uid);
+    return SKD_OK;
+}
+
 enum skd_link_state skd_link_open(struct skd_link *link, const char *address,
                                   struct skd_error *error)
 {
@@ -334,6 +350,10 @@ enum skd_link_state skd_link_open(struct skd_link *link, const char *address,
         (void)skd_fail(error, SKD_FILE_IO, "cannot connect to %s: %s", address, strerror(refused));
         skd_link_close(link);
         return nobody ? SKD_LINK_NOBODY : SKD_LINK_FAILED;
+    }
+    if (port == 0 && check_owner(link->fd, address, error) != SKD_OK) {
+        skd_link_close(link);
+        return SKD_LINK_FAILED;
     }
     be_patient(link, HELLO_S);
     enum skd_status status = say_hello(link, port, error);

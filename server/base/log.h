@@ -1,6 +1,8 @@
 /* The daemon's talk: one line an event on stderr, with a time and a level.
  *
  * Thread: any (one write a line). Levels are syslog's words; the threshold is set once in main.
+ * Warnings are what a peer can cause as often as it likes: beyond a thousand there is one a second,
+ * and the next says how many were left out, so that nobody fills a disk with them.
  */
 #ifndef SKD_BASE_LOG_H
 #define SKD_BASE_LOG_H

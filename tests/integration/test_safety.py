@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -20,6 +21,7 @@ import pytest
 import rigs
 import schemas
 from core import Link, SkindError
+from core.dial import Refused, dial
 from core.exchange import Exchange
 from daemons import BIN, Daemon
 
@@ -138,6 +140,53 @@ def test_another_user_is_refused_with_a_sentence(daemon, folder) -> None:
     assert "65534" in json.loads(said)["error"]["message"]
     with daemon.link() as link:
         link.call("ping")
+
+
+def test_rubbish_does_not_fill_the_log(daemon) -> None:
+    def rubbish() -> None:
+        with socket.socket(socket.AF_UNIX) as peer:
+            peer.settimeout(20)
+            peer.connect(str(daemon.socket))
+            peer.sendall(b"GET / HTTP/1.1\r\n\r\n")
+            with contextlib.suppress(ConnectionResetError):
+                while peer.recv(4096):
+                    pass
+
+    for _ in range(1100):
+        rubbish()
+    assert 1000 <= daemon.log.read_text().count("no frame") < 1100
+    time.sleep(1.1)
+    rubbish()
+    assert "warnings were left out" in daemon.log.read_text()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
+def test_a_socket_of_another_user_is_told_nothing(folder) -> None:
+    """In /tmp somebody else may have made it first."""
+    folder.chmod(0o777)
+    where = folder / "skind.sock"
+    script = ("import os, socket, sys\n"
+              "os.setuid(65534)\n"
+              "listener = socket.socket(socket.AF_UNIX)\n"
+              "listener.bind(sys.argv[1])\n"
+              "listener.listen()\n"
+              "os.chmod(sys.argv[1], 0o666)\n"
+              "print('ready', flush=True)\n"
+              "for _ in range(2):\n"
+              "    print(listener.accept()[0].recv(1000), flush=True)\n")
+    other = subprocess.Popen([sys.executable, "-c", script, where], stdout=subprocess.PIPE,
+                             text=True)
+    try:
+        assert other.stdout.readline() == "ready\n"
+        done = subprocess.run([BIN / "skinctl", "list", "--socket", where], capture_output=True,
+                              text=True, timeout=60)
+        assert done.returncode == 1 and "user 65534" in done.stderr
+        with pytest.raises(Refused, match="user 65534"):
+            dial(str(where))
+        assert [other.stdout.readline() for _ in range(2)] == ["b''\n"] * 2
+    finally:
+        other.kill()
+        other.wait()
 
 
 # ---- TCP -------------------------------------------------------------------------------------

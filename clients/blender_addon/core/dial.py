@@ -11,6 +11,7 @@ import errno
 import os
 import re
 import socket
+import struct
 from typing import Callable
 
 PATH_BYTES_MAX = 107  # what the system has room for in a socket's address
@@ -97,7 +98,18 @@ def dial(path: str) -> socket.socket:
             raise
     except OSError as error:
         raise _explain(error, path) from None
+    owner = owner_of(connection)
+    if owner != os.geteuid():  # one in /tmp may be somebody else's, who made it before us
+        connection.close()
+        raise Refused(f"{path} is a socket of user {owner} and not yours: choose another with "
+                      "SKIND_SOCKET", final=True)
     return connection
+
+
+def owner_of(connection: socket.socket) -> int:
+    """The user who listens there."""
+    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12)
+    return struct.unpack("3i", credentials)[1]
 
 
 def _dial_port(port: int) -> socket.socket:
