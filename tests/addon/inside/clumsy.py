@@ -107,7 +107,7 @@ def strayed(window: Window) -> Steps:
     with window.context():
         bpy.ops.object.mode_set(mode="OBJECT")
         bpy.ops.object.delete()
-    yield 0.2
+    yield from window.wait_until(lambda: "gone" in session.told())
     found["gone"] = session.told()
     live.finish()
     yield from window.wait_until(lambda: session.current() is None)
