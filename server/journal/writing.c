@@ -5,16 +5,51 @@
 #include "journal/step_rows.h"
 
 #include <stdlib.h>
+#include <string.h>
 #include <sys/stat.h>
 
 /* ---- opening ----------------------------------------------------------------------------------
  */
 
+/* The row of a place that is not forgotten. */
+static struct skd_history_row *row_at(const struct skd_writing *writing, uint64_t place)
+{
+    SKD_ASSERT(place >= writing->forgotten);
+    return &writing->history[place - writing->forgotten];
+}
+
+/* What the row of a place is chained to. */
+static uint64_t chain_before(const struct skd_writing *writing, uint64_t place)
+{
+    if (place > writing->forgotten)
+        return row_at(writing, place - 1)->chain;
+    return place > 0 ? writing->forgotten_chain : writing->session.sum;
+}
+
+/* Lets go of rows that no undo comes back to, once they are the greater part. */
+static void forget_rows(struct skd_writing *writing)
+{
+    const struct skd_state_row *state = &writing->state;
+    const size_t kept = (size_t)(state->count - state->first), capacity = 2 * kept + 16;
+    if (state->first - writing->forgotten < capacity)
+        return;
+    const uint64_t chain = chain_before(writing, state->first);
+    memmove(writing->history, row_at(writing, state->first), kept * sizeof *writing->history);
+    writing->forgotten = state->first;
+    writing->forgotten_chain = chain;
+    void *history = realloc(writing->history, capacity * sizeof *writing->history);
+    if (history == NULL)
+        return; /* it stays as large as it was */
+    writing->history = history;
+    writing->history_capacity = capacity;
+}
+
 static enum skd_status make_room(struct skd_writing *writing, struct skd_error *error)
 {
-    if (writing->state.count < writing->history_capacity)
+    const size_t count = (size_t)(writing->state.count - writing->forgotten);
+    if (count < writing->history_capacity)
         return SKD_OK;
-    size_t capacity = 2 * (size_t)writing->state.count + 16;
+    size_t capacity = 2 * count + 16;
     void *history = realloc(writing->history, capacity * sizeof *writing->history);
     if (history == NULL)
         return skd_fail_memory(error, "the list of steps");
@@ -82,6 +117,8 @@ static enum skd_status read_history(struct skd_writing *writing, struct skd_erro
         if (chain != writing->history[i].chain)
             status = skd_fail(error, SKD_DAMAGED, "the history is not what it was");
     }
+    if (status == SKD_OK)
+        forget_rows(writing);
     return status;
 }
 
@@ -138,9 +175,9 @@ static enum skd_status chain_from(struct skd_writing *writing, uint64_t first,
 {
     enum skd_status status = SKD_OK;
     for (uint64_t i = first; i < writing->state.count && status == SKD_OK; i++) {
-        uint64_t before = i > 0 ? writing->history[i - 1].chain : writing->session.sum;
-        writing->history[i].chain = skd_history_chain(before, i, &writing->history[i]);
-        status = skd_history_row_write(&writing->store, i, &writing->history[i], error);
+        struct skd_history_row *row = row_at(writing, i);
+        row->chain = skd_history_chain(chain_before(writing, i), i, row);
+        status = skd_history_row_write(&writing->store, i, row, error);
     }
     return status;
 }
@@ -155,7 +192,7 @@ static enum skd_status forget_undone(struct skd_writing *writing, struct skd_err
         skd_store_run(&writing->store, row, skd_bind_number(row, 1, state->position), error);
     for (; state->count > state->position && status == SKD_OK; state->count--)
         status =
-            skd_step_row_delete(&writing->store, writing->history[state->count - 1].step, error);
+            skd_step_row_delete(&writing->store, row_at(writing, state->count - 1)->step, error);
     return status;
 }
 
@@ -169,6 +206,7 @@ static enum skd_status drop(struct skd_writing *writing, size_t dropped, struct 
     if (dropped > writing->state.position - writing->state.first)
         return disagree(error);
     writing->state.first += dropped;
+    forget_rows(writing);
     return SKD_OK;
 }
 
@@ -185,7 +223,7 @@ static enum skd_status put_step(struct skd_writing *writing, const struct skd_re
                                     record->poses, &item.sum, error);
     if (status != SKD_OK)
         return status;
-    writing->history[state->count++] = item;
+    *row_at(writing, state->count++) = item;
     state->position = state->count;
     state->revision = record->revision;
     status = chain_from(writing, state->count - 1, error);
@@ -216,12 +254,12 @@ static enum skd_status put_move(struct skd_writing *writing, const struct skd_re
     enum skd_status status = SKD_OK;
     if (place != boundary) {
         uint64_t low = place < boundary ? place : boundary, high = place + boundary - low;
-        rotate(writing->history, place, boundary);
+        rotate(writing->history, place - writing->forgotten, boundary - writing->forgotten);
         for (uint64_t i = low; i <= high; i++)
-            writing->history[i].revision = 0;
+            row_at(writing, i)->revision = 0;
         uint64_t top = undo ? boundary : boundary + 1; /* steps that are done now */
         if (top > low)
-            writing->history[top - 1].revision = record->revision;
+            row_at(writing, top - 1)->revision = record->revision;
         status = chain_from(writing, low, error);
     }
     state->position = undo ? boundary : boundary + 1;
@@ -306,8 +344,7 @@ static void note_bytes(struct skd_writing *writing)
 enum skd_status skd_writing_commit(struct skd_writing *writing, struct skd_error *error)
 {
     struct skd_state_row *state = &writing->state;
-    state->chain =
-        state->count > 0 ? writing->history[state->count - 1].chain : writing->session.sum;
+    state->chain = chain_before(writing, state->count);
     enum skd_status status =
         skd_state_row_write(&writing->store, writing->session.sum, state, error);
     if (status != SKD_OK)

@@ -16,8 +16,11 @@ struct skd_writing {
     struct skd_store store;
     struct skd_session_row session;
     struct skd_state_row state;
-    struct skd_history_row *history; /* [state.count] */
+    /* The rows from the first step that can be undone, or somewhat before it; those that were
+     * forgotten are in the file only, and their chain ends in `forgotten_chain`. */
+    struct skd_history_row *history; /* [state.count - forgotten] */
     size_t history_capacity;
+    uint64_t forgotten, forgotten_chain;
     uint64_t next_step;
     struct skd_pose_rows poses;
     struct skd_remembered_rows remembered;

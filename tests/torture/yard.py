@@ -144,20 +144,10 @@ class Daemon:
 
     def rss_kib(self) -> int:
         """Memory of its own that is resident."""
-        return self._status_kib("RssAnon")
-
-    def peak_kib(self) -> int:
-        """The most that was resident since forget_peak."""
-        return self._status_kib("VmHWM")
-
-    def forget_peak(self) -> None:
-        Path(f"/proc/{self.pid}/clear_refs").write_text("5")
-
-    def _status_kib(self, name: str) -> int:
         for line in Path(f"/proc/{self.pid}/status").read_text().splitlines():
-            if line.startswith(f"{name}:"):
+            if line.startswith("RssAnon"):
                 return int(line.split()[1])
-        raise Failed(f"no {name} in /proc")
+        raise Failed("no RssAnon in /proc")
 
     def descriptors(self) -> int:
         return len(os.listdir(f"/proc/{self.pid}/fd"))

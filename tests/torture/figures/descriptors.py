@@ -1,4 +1,4 @@
-"""All descriptors used up: newcomers are refused politely, the daemon rests, those inside work on."""
+"""All descriptors used up: newcomers are refused politely, those inside work on."""
 
 from __future__ import annotations
 

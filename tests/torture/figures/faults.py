@@ -80,7 +80,8 @@ def scripts(glb: Path) -> dict[str, Script]:
     sculpting = (*begin, ("session.attach", who), ("session.claim", {**who, "bones": ["bone.1"]}),
                  recipe.stroke(slots="evidence"),
                  ("guard.set", {**who, "poses": ["a", "b"], "count": 2}),
-                 recipe.stroke(residual="shape"), recipe.stroke(pin="move", smooth=0.1, stream=True),
+                 recipe.stroke(residual="shape"),
+                 recipe.stroke(pin="move", smooth=0.1, stream=True),
                  ("pins.list", who), ("pins.solve", {**who, "pose": "a", "stream": False}),
                  ("history.undo", who), ("history.undo", who), ("history.redo", who),
                  ("weights.prune", {**who, "below": 0.02}), ("weights.get", who),
@@ -338,11 +339,18 @@ def measure(yard: Yard, seconds: float) -> dict:
         points = points[::max(1, len(points) // 100)]
     failures, began = Failures(yard), time.monotonic()
     workers = 16 * len(os.sched_getaffinity(0))  # they wait for journals to be tried again
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as pool:
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"))
+    try:
         for index, why in enumerate(pool.map(lab.try_point, points, chunksize=4)):
             if why:
                 failures.add(why)
+            spent = time.monotonic() - began
             if index % 2000 == 1999:
-                yard.say(f"  {index + 1} of {len(points)} points in "
-                         f"{time.monotonic() - began:.0f} s, {failures.count} failed")
+                yard.say(f"  {index + 1} of {len(points)} points in {spent:.0f} s, "
+                         f"{failures.count} failed")
+            expect(spent < 1.5 * seconds or yard.quick,
+                   f"only {index + 1} of {len(points)} points in {spent:.0f} s, "
+                   f"{failures.count} of them failed")
+    finally:
+        pool.shutdown(cancel_futures=True)
     return {"fault_points": len(points), "fault_failed": failures.count}

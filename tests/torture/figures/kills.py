@@ -73,7 +73,7 @@ class Client:
         self.link = greet(daemon.socket, self.name)
 
     def step(self, works: bool) -> None:
-        """Takes what came, and sends as much as may be under way. Raises once the daemon is gone."""
+        """Takes what came, sends as much as may be under way. Raises once the daemon is gone."""
         self.link.pump()
         self.link.notifications.clear()
         self.waiting = [asked for asked in self.waiting if not self.take(asked)]
@@ -357,7 +357,7 @@ def kill_folding(pid: int, file: Path, seconds: float) -> None:
 
 
 def rounds_of(yard: Yard, seed: int, seconds: float, least: int) -> tuple[int, int, list[str]]:
-    """(rounds, of these within a checkpoint, what was lost) of one daemon; in a process of its own."""
+    """(rounds, of these while a log was folded in, what was lost) of one daemon."""
     began, done, folding, lost = time.monotonic(), 0, 0, []
     while time.monotonic() - began < seconds or done < least:
         current = Round(yard, seed + 1000 * done)
@@ -382,7 +382,8 @@ def measure(yard: Yard, seconds: float) -> dict:
     at_once = yard.pick(3, 2)
     least = yard.pick(-(-500 // at_once), 5)
     with ProcessPoolExecutor(at_once, multiprocessing.get_context("fork")) as pool:
-        running = [pool.submit(rounds_of, yard, seed + 1, seconds, least) for seed in range(at_once)]
+        running = [pool.submit(rounds_of, yard, seed + 1, seconds, least)
+                   for seed in range(at_once)]
         results = [one.result() for one in running]
     rounds, folding = sum(one[0] for one in results), sum(one[1] for one in results)
     yard.say(f"  {rounds} rounds, {folding} of them while a log was folded in")

@@ -25,8 +25,9 @@ BUSY = 3  # skind's exit status where another serves the socket
 def spawn(command: list[str], gate: int, environment: dict, log: Path) -> subprocess.Popen:
     """A process that waits for the gate to open before it becomes the command."""
     with log.open("ab") as output:
-        return subprocess.Popen(["/bin/sh", "-c", 'read line; exec "$@" </dev/null', "sh", *command],
-                                stdin=gate, stdout=output, stderr=output, env=environment)
+        return subprocess.Popen(
+            ["/bin/sh", "-c", 'read line; exec "$@" </dev/null', "sh", *command],
+            stdin=gate, stdout=output, stderr=output, env=environment)
 
 
 def serving(path: Path) -> int:
@@ -117,5 +118,5 @@ def measure(yard: Yard, seconds: float) -> dict:
     least = yard.pick(20, 2)
     while len(times) < least or (time.monotonic() - began < seconds and not yard.quick):
         times.append(race(yard))
-    yard.say(f"  slowest start {max(times):.2f} s, median of rounds {statistics.median(times):.2f} s")
+    yard.say(f"  slowest start {max(times):.2f} s, of most rounds {statistics.median(times):.2f} s")
     return {"race_starts": len(times)}

@@ -1,8 +1,9 @@
-"""How long it takes until everything is there again after kill -9: 200k vertices, 1,000 strokes."""
+"""How long it takes until everything is there again after kill -9: 200k vertices, 1,000 strokes of
+2,000. From the daemon's start to its answer that lists the session; the slowest of some starts.
+"""
 
 from __future__ import annotations
 
-import statistics
 import time
 
 import numpy as np
@@ -11,7 +12,7 @@ from .. import work
 from ..yard import Daemon, Yard, expect
 
 VERTICES = 200_000
-BRUSH = 400  # vertices of a stroke
+BRUSH = 45  # a stroke has so many rows of so many vertices
 DEPTH = 8
 
 
@@ -24,10 +25,10 @@ def fill(daemon: Daemon, vertices: int, strokes: int) -> tuple[int, str]:
         work.create(link, "large", vertices)
         waiting = []
         for _ in range(strokes):
-            # A patch of the sheet: rows of a small square.
-            corner = pick.integers(0, side - 20, 2)
-            rows = (corner[1] + np.arange(20))[:, None] * side + corner[0] + np.arange(20)
-            some = rows.ravel()[:BRUSH].astype(np.uint32)
+            # A patch of the sheet.
+            corner = pick.integers(0, side - BRUSH - 1, 2)
+            rows = (corner[1] + np.arange(BRUSH))[:, None] * side + corner[0] + np.arange(BRUSH)
+            some = rows.ravel().astype(np.uint32)
             targets = positions[some] + pick.normal(0, 0.01, (len(some), 3))
             waiting.append(link.send("stroke.apply", {
                 "session": "large", "pose": work.POSES[pick.integers(0, 3)], "vertices": some,
@@ -57,9 +58,9 @@ def measure(yard: Yard, seconds: float) -> dict:
             info = link.call("session.info", {"session": "large"})
             expect(info["undo_steps"] == strokes, f"{info['undo_steps']} steps can be undone")
             link.call("history.undo", {"session": "large"})
-    yard.say(f"  {min(times):.0f} to {max(times):.0f} ms, {daemon_bytes(daemon) >> 20} MiB of files")
-    return {"recovery_ms": round(statistics.median(times), 1)}
+    yard.say(f"  {min(times):.0f} to {max(times):.0f} ms, {bytes_of(daemon) >> 20} MiB of files")
+    return {"recovery_ms": round(max(times), 1)}
 
 
-def daemon_bytes(daemon: Daemon) -> int:
+def bytes_of(daemon: Daemon) -> int:
     return sum(path.stat().st_size for path in daemon.state.rglob("*") if path.is_file())
