@@ -13,10 +13,9 @@ import time
 from pathlib import Path
 from typing import Callable, Iterator
 
-import numpy as np
 import pytest
 
-from blenders import ASSETS, DEBIAN, VERSIONS, Blender, Job
+from blenders import ASSETS, DEBIAN, VERSIONS, Blender, Job, Window
 from core import Link
 from daemons import BIN
 from test_sessions import needs_assets
@@ -67,16 +66,18 @@ class Studio:
 
     def __init__(self, folder: Path, flags: Path) -> None:
         self.blenders = {version: Blender(version, folder) for version in (DEBIAN, VERSIONS[-1])}
+        self.blenders["window"] = Window(folder)
         self.socket = folder / "skind.sock"
         self.flags = flags
         self.jobs: dict[str, Job] = {}
         self.watches: list[Watch] = []
 
-    def begin(self, name: str, version: str, seed: int, character: tuple[str, str],
-              joins: str = "") -> None:
-        """A Blender that sculpts; returns when its session is there."""
-        self.jobs[name] = self.blenders[version].start(
-            "sharing.sculptor", str(self.flags), name, seed, *character, joins, seconds=240)
+    def begin(self, name: str, version: str, seed: int, *character: str) -> None:
+        """A Blender that sculpts a character (file or kind, mesh, and the session that it joins);
+        returns when its session is there."""
+        job = "sharing.drawer" if version == "window" else "sharing.sculptor"
+        self.jobs[name] = self.blenders[version].start(job, str(self.flags), name, seed, *character,
+                                                       seconds=240)
         self.hears(name)
 
     def said(self, name: str) -> str:
@@ -173,12 +174,22 @@ def changes(watch: Watch) -> dict[int, str]:
 @pytest.mark.parametrize("character", [TUBE, pytest.param(FOX, marks=needs_assets)],
                          ids=["tube", "fox"])
 def test_two_blenders_over_deaths_of_the_daemon(studio: Studio, character) -> None:
-    studio.begin("first", DEBIAN, 1, character)
+    studio.begin("first", DEBIAN, 1, *character)
+    share(studio, character)
+
+
+def test_a_pen_in_a_window_and_another_blender(studio: Studio) -> None:
+    studio.begin("first", "window", 5)
+    share(studio, TUBE)
+
+
+def share(studio: Studio, character: tuple[str, str]) -> None:
+    """A second Blender joins the first; the daemon dies four times while both sculpt."""
     session = studio.session()
     with studio.link() as link:
         instance = link.call("session.info", {"session": session})["instance"]
     watch = studio.watch("--keep")
-    studio.begin("second", VERSIONS[-1], 2, character, session)
+    studio.begin("second", VERSIONS[-1], 2, *character, session)
     for round in range(4):
         for name in NAMES:
             for _ in range(3):
@@ -198,9 +209,9 @@ def test_two_blenders_over_deaths_of_the_daemon(studio: Studio, character) -> No
         assert info["instance"] == instance, "nothing was lost"
         assert revision == info["revision"]
         for facts in found.values():
-            assert facts["phase"] == "ready" and facts["equal"] and facts["generation"] == 5, facts
+            assert facts["phase"] == "ready" and facts["generation"] == 5, facts
             assert facts["revision"] == revision
-            for weights in (facts["weights"], facts["daemon"]):
+            for weights in (facts["weights"], facts["shown"], facts["held"]):
                 assert weights.tobytes() == held["weights"].tobytes()
         until(lambda: watch.digest(revision), "the watch has heard of the last change")
         fresh = studio.watch()
@@ -222,8 +233,8 @@ def test_two_blenders_over_deaths_of_the_daemon(studio: Studio, character) -> No
 
 
 def test_a_blender_killed_in_the_middle_of_a_stroke(studio: Studio) -> None:
-    studio.begin("first", DEBIAN, 3, TUBE)
-    studio.begin("second", VERSIONS[-1], 4, TUBE, studio.session())
+    studio.begin("first", DEBIAN, 3, *TUBE)
+    studio.begin("second", VERSIONS[-1], 4, *TUBE, studio.session())
     watch = studio.watch()
     for name in NAMES:
         studio.hears(name)
@@ -233,5 +244,6 @@ def test_a_blender_killed_in_the_middle_of_a_stroke(studio: Studio) -> None:
     for _ in range(5):
         studio.hears("first")
     facts = studio.settle()["first"]
-    assert facts["equal"] and facts["phase"] == "ready" and facts["generation"] == 1
+    assert facts["phase"] == "ready" and facts["generation"] == 1
+    assert facts["weights"].tobytes() == facts["held"].tobytes()
     until(lambda: watch.digest(facts["revision"]), "the watch has heard of the last change")

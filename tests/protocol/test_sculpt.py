@@ -5,18 +5,15 @@ the daemon holds are the same in the end, whatever others do and whatever breaks
 from __future__ import annotations
 
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 import schemas
 from core import opening
-from core.rig import Y_UP, Rig
+from core.rig import Y_UP
 from core.sculpt import Stroke
 from daemons import BIN
-from scipy.spatial.transform import Rotation
 from tools import Mortal, Other, Tool, V, no_session, rigs, same, sent_and_solved, some
-
 
 
 # ---- opening ----
@@ -323,6 +320,21 @@ def test_the_later_of_two_answered_strokes_is_dropped(daemon, make_tool):
     with daemon.link() as link:
         tool.check(link)
         assert link.call("session.info", {"session": "s"})["undo_steps"] == 1
+
+
+def test_a_pose_solved_again_on_the_vertices_of_a_stroke(daemon, make_tool):
+    """Found in a storm: told late, it was taken for the stroke, whose pose is another."""
+    tool = make_tool().create()
+    first = tool.stroke(50, 0.05, options={"residual": "shape"})
+    tool.settle()
+    for round in range(5):
+        tool.sculpt.edit("weights.prune", {"below": 0.02 * round})  # from here on updates come late
+        tool.stroke(50, 0.04, angle=0.5)
+        tool.sculpt.edit("pins.solve", {"pose": first.pose_name})
+        tool.stroke(50, 0.03, angle=0.5)
+    tool.settle()
+    with daemon.link() as link:
+        tool.check(link)
 
 
 @pytest.mark.parametrize("is_shown", [False, True])

@@ -170,6 +170,38 @@ def test_it_is_done_once(start, make_tool, what, done, how):
         tool.check(link)
 
 
+@pytest.mark.parametrize("options", [{}, {"residual": "shape"}])
+def test_a_corrective_shape_whose_answer_was_lost(daemon, make_tool, options):
+    """Vertices that have one keep it with any stroke."""
+    tool = make_tool().create()
+    tool.stroke(50, 0.05, options={"residual": "shape"})
+    tool.settle()
+    other = Other(daemon)
+    tool.stroke(50, 0.03, options=options)
+    sent_and_solved(tool, other)
+    tool.cut_unread()
+    tool.settle()
+    tool.check(other.link)
+
+
+@pytest.mark.parametrize("asked", [20, 200])
+def test_many_that_wait_are_done_once_and_in_order(start, make_tool, asked):
+    """More than the daemon remembers of a client; it has done some when it dies."""
+    mortal = Mortal(start)
+    tool, whole = make_tool().create(), make_tool(name="whole").create("whole")
+    mortal.pause()
+    for centre in range(asked):
+        for each in (tool, whole):
+            each.stroke(centre % V)
+    mortal.go_on()
+    tool.until(lambda: sum(each.is_answered for each in tool.sculpt.pending) > 3, showing=False)
+    mortal.die()
+    for each in (tool, whole):
+        each.settle()
+        assert each.sculpt.strokes == asked and not each.refused
+        assert held(mortal.daemon, each.sculpt.name)["revision"] == asked
+
+
 def test_an_edit_that_was_asked_for_without_a_connection(start, make_tool):
     """Found: it was forgotten."""
     mortal = Mortal(start)
@@ -313,14 +345,17 @@ def test_a_closed_session_is_taken_back_with_its_history(daemon, make_tool):
     first = make_tool().create()
     first.stroke(50)
     first.settle()
-    kept = first.sculpt.shown.copy()
+    kept, instance = first.sculpt.shown.copy(), first.sculpt.instance
     opening.leave(first.sculpt)
     first.until(lambda: not first.channel.unanswered)
     tool = make_tool(name="later").connect()
     opening.join(tool.sculpt, "s")
     tool.begin("joining")
     assert tool.sculpt.reason == "no_session", "only who asks for it gets it"
-    opening.join(tool.sculpt, "s", is_kept=True)
+    opening.join(tool.sculpt, "s", kept="0" * 16)
+    tool.begin("joining")
+    assert tool.sculpt.reason == "no_session", "another one of that name is not it"
+    opening.join(tool.sculpt, "s", kept=instance)
     tool.begin("joining")
     assert tool.sculpt.phase == "ready" and same(tool.sculpt.shown, kept)
     assert held(daemon)["undo_steps"] == 1 and len(pins(daemon)) == 1
@@ -331,13 +366,13 @@ def test_a_closed_session_is_taken_back_with_its_history(daemon, make_tool):
 def test_a_closed_session_of_another_mesh_stays_closed(daemon, make_tool, params):
     with daemon.link() as link:
         theirs = {**params, "positions": params["positions"] + np.float32(1)}
-        link.call("session.create", {"name": "s", **theirs})
+        instance = link.call("session.create", {"name": "s", **theirs})["instance"]
         other = Other(daemon)
         other.stroke(50)  # who closes one in which nothing was done throws it away
         other.wait()
     close(daemon)
     tool = make_tool().connect()
-    opening.join(tool.sculpt, "s", is_kept=True)
+    opening.join(tool.sculpt, "s", kept=instance)
     tool.begin("joining")
     tool.until(lambda: not tool.channel.unanswered)
     assert tool.sculpt.reason == "another_mesh"

@@ -24,7 +24,7 @@ def _before_save(*_: object) -> None:
     data = live.object().data
     shape = mesh.read_positions(data)
     live.landing.put_back()
-    data[mesh.SNAPSHOT] = live.snapshot.to_bytes()
+    live.remember()
     _sculpted[:] = [(live.object().name, shape)]
     if not hasattr(bpy.app.handlers, "save_post_fail"):  # the next moment after one that failed
         bpy.app.timers.register(_after_save, first_interval=0.0)
@@ -35,7 +35,8 @@ def _after_save(*_: object) -> None:
     """After a save that failed, too."""
     for name, shape in _sculpted:
         data = bpy.data.objects[name].data
-        del data[mesh.SNAPSHOT]
+        for mark in mesh.SAVED:
+            del data[mark]
         shapes.write_positions(data, shape)
     _sculpted.clear()
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..core import skin
 from ..core.presence import called
 from ..core.sculpt import Arrival
 from ..core.state import Change

@@ -13,8 +13,10 @@ import numpy as np
 
 SESSION = "skind_session"
 STATE = "skind_state"
-SNAPSHOT = "skind_snapshot"  # only in files
-MARKS = (SESSION, STATE, SNAPSHOT)
+SNAPSHOT = "skind_snapshot"
+INSTANCE = "skind_instance"  # which session of that name it was
+SAVED = (SNAPSHOT, INSTANCE)  # only in files
+MARKS = (SESSION, STATE, *SAVED)
 
 
 def read_positions(mesh: bpy.types.Mesh) -> np.ndarray:

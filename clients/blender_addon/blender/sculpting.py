@@ -145,9 +145,10 @@ class Session:
         """Job: joins it again if it is still there, or takes it back if it was closed; else it begins
         anew from the mesh as it is."""
         original = self._remembered_snapshot()
+        instance = str(self.object().data.get(mesh.INSTANCE, ""))
         yield from self._read()
         try:
-            opening.join(self.sculpt, name, is_kept=True)
+            opening.join(self.sculpt, name, kept=instance)
             yield from self._until_ready("joining")
         except jobs.Refused:
             if self.sculpt.reason != "no_session":
@@ -165,6 +166,12 @@ class Session:
             self.snapshot = original
         self.want_guard()
         undo.push("Skind: Rejoin")
+
+    def remember(self) -> None:
+        """Leaves in the mesh what rejoin(), and Cancel after it, will need."""
+        data = self.object().data
+        data[mesh.SNAPSHOT] = self.snapshot.to_bytes()
+        data[mesh.INSTANCE] = self.sculpt.instance
 
     def _remembered_snapshot(self) -> Snapshot | None:
         """The mesh as it was at the first Start, if the file tells and it is still that mesh."""

@@ -150,7 +150,7 @@ def drop(remember: bool) -> None:
     _let_go()
     session.landing.put_back()
     if remember and session.is_marked:
-        session.object().data[mesh.SNAPSHOT] = session.snapshot.to_bytes()
+        session.remember()
     if session.sculpt is not None:
         opening.leave(session.sculpt)
 

@@ -39,15 +39,15 @@ def create(sculpt: Sculpt, wish: str, influences: int, reduce: bool,
     sculpt.follow(_create(sculpt, wish))
 
 
-def join(sculpt: Sculpt, name: str, is_kept: bool = False) -> None:
+def join(sculpt: Sculpt, name: str, kept: str = "") -> None:
     """Joins a session that is there. Ends with a reason if it is of another mesh.
 
-    `is_kept`: one that was closed will do, too.
+    `kept`: the instance of one that will do, too, if it was closed.
     """
     sculpt.phase = "joining"
     sculpt.problem = sculpt.reason = ""
     sculpt.name = name
-    sculpt.follow(_reopen(sculpt) if is_kept else _join(sculpt))
+    sculpt.follow(_reopen(sculpt, kept) if kept else _join(sculpt))
 
 
 def resume(sculpt: Sculpt) -> None:
@@ -93,21 +93,18 @@ def _attach(sculpt: Sculpt) -> Talk:
         sculpt.adopt(held)
 
 
-def _reopen(sculpt: Sculpt) -> Talk:
+def _reopen(sculpt: Sculpt, instance: str) -> Talk:
     """Joins it, wherever it is."""
-    opened = None
     try:
+        yield from _join(sculpt)
+    except SkindError as error:
+        if error.name != "no_session" or not (yield from _take_back(sculpt, instance)):
+            raise
         try:
             yield from _join(sculpt)
-        except SkindError as error:
-            if error.name != "no_session" or "session.save" not in sculpt.channel.capabilities:
-                raise
-            opened = yield "session.open", {"closed": sculpt.name}
-            yield from _join(sculpt)
-    except SkindError as error:
-        if opened is not None and error.name == "another_mesh":
-            yield "session.close", {}  # back to where it was
-        raise
+        except SkindError:
+            yield "session.close", {}  # it stays with the others
+            raise
 
 
 def _join(sculpt: Sculpt) -> Talk:
@@ -190,14 +187,14 @@ def _resume(sculpt: Sculpt) -> Talk:
 def _attach_again(sculpt: Sculpt) -> Generator[tuple[str, dict], dict, dict]:
     """To the session that we had. One that was closed meanwhile is taken back; one that is nowhere
     any more is made again."""
-    ways = [_take_back, _create_again]
+    ways = [_take_back(sculpt, sculpt.instance), _create_again(sculpt)][sculpt.must_tell:]
     while True:
         try:
             return (yield "session.attach", _known(sculpt))
         except SkindError as error:
             if error.name != "no_session" or not ways:
                 raise
-        yield from ways.pop(0)(sculpt)
+        yield from ways.pop(0)
 
 
 def _known(sculpt: Sculpt) -> dict:
@@ -207,18 +204,21 @@ def _known(sculpt: Sculpt) -> dict:
     return {"revision": sculpt.revision, "instance": sculpt.instance}
 
 
-def _take_back(sculpt: Sculpt) -> Talk:
-    """From among the closed sessions; another one of that name stays there."""
-    if "session.save" not in sculpt.channel.capabilities or sculpt.must_tell:
-        return
+def _take_back(sculpt: Sculpt, instance: str) -> Generator[tuple[str, dict], dict, bool]:
+    """From among the closed sessions; another one of that name stays there. Whether it is open."""
+    if "session.save" not in sculpt.channel.capabilities:
+        return False
     try:
         opened = yield "session.open", {"closed": sculpt.name}
     except SkindError as error:
         if error.name in GONE:
             raise
-        return  # it is not there, or another tool was faster
-    if opened["instance"] != sculpt.instance:
+        return error.name == "name_taken"  # another tool was faster
+    # One that is kept to the second gets another instance each time.
+    if opened["instance"] != instance and opened["durability"] != "second":
         yield "session.close", {}
+        return False
+    return True
 
 
 def _create_again(sculpt: Sculpt) -> Talk:

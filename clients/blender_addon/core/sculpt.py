@@ -308,8 +308,7 @@ class Sculpt:
         stroke.chunks.clear()
         if "residuals" not in result:  # it was done before, and its arrays went with the connection
             result["residuals"] = np.full(len(stroke.vertices), np.nan, np.float32)
-            shape = stroke.pose_name if stroke.options.get("residual") == "shape" else ""
-            self._take_late(stroke, self.held.of(stroke.vertices, shape=shape))
+            self._take_late(stroke, self.held.of(stroke.vertices))
         elif self._is_next(result):
             self.revision = result["revision"]
             self.held.put(change)
@@ -349,7 +348,9 @@ class Sculpt:
         for late in [each for each in self._late if each[0].result["revision"] <= self.revision]:
             stroke, change = late
             self._late.remove(late)
-            self._take_answer(stroke, self.held.of(change.vertices, shape=change.shape))
+            # A vertex that has a corrective shape keeps it with any stroke in its pose.
+            shape = stroke.pose_name if stroke.pose_name in self.held.shapes else ""
+            self._take_answer(stroke, self.held.of(change.vertices, shape=shape))
             self._reveal(stroke.ask)
 
     def drop(self, stroke: Stroke) -> None:
@@ -510,10 +511,12 @@ class Sculpt:
 
     def _is_shown_late(self, change: Change) -> bool:
         """Whether it is one of our strokes, whose answer says what to do with it."""
+        if any(stroke.result["revision"] == self.revision for stroke, _ in self._late):
+            return True
         streamed = [joined(ask.stroke.chunks, self.influences)
                     for ask in self._asks if ask.stroke is not None]
-        return any(np.array_equal(each.vertices, change.vertices)
-                   for each in streamed + [late for _, late in self._late])
+        return any(each.shape == change.shape and np.array_equal(each.vertices, change.vertices)
+                   and np.array_equal(each.weights, change.weights) for each in streamed)
 
     def _take_notice(self, params: dict, change: Change) -> None:
         """What was done, by whom; the change is in `held`."""

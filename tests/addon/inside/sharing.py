@@ -1,14 +1,16 @@
-"""Jobs of Blenders that share a rig session, over deaths of the daemon and of one of them. Without a
-window, against the real daemon; the test outside kills, and says when to stop."""
+"""Jobs of Blenders that share a rig session, over deaths of the daemon and of one of them, against the
+real daemon. The test outside kills, and says when to stop."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import bpy
 import numpy as np
 
-from inside import artist, rigs
+from inside import artist, pen, rigs
 from inside.sessions import Tape
+from inside.windows import Steps, Window
 
 CHANGES = {"stroke.apply", "weights.set", "weights.prune", "history.undo", "history.redo"}
 
@@ -82,18 +84,45 @@ def sculptor(folder: str, name: str, seed: int, kind: str, mesh_name: str,
     flags.say("settled")
     artist.until(lambda: flags.is_told("end"), 60)
     artist.until(artist.is_settled)
-    sculpt = live.sculpt
-    return {"weights": artist.mesh_weights(), "daemon": artist.daemon_weights(),
-             "equal": artist.equal(), "start": sculpt.start.weights, "revision": sculpt.revision, "answered": diary.answered, "phase": sculpt.phase,
-             "repeated": diary.repeated, "generation": session.channel().generation,
-             "client": sculpt.client, "told": session.told()}
+    return found(live, diary)
+
+
+def drawer(window: Window, folder: str, name: str, seed: int) -> Steps:
+    """As sculptor() on a tube, in a window: a pen, and Blender's own undo."""
+    flags, random = Flags(folder, name), np.random.default_rng(seed)
+    live = yield from pen.begin(window)
+    diary = Diary(artist.modules()[0].channel())
+    flags.say("ready")
+    begun = 0
+    while not flags.is_told("stop"):
+        what = random.choice(["stroke", "stroke", "undo", "redo"])
+        if what == "stroke":
+            ((x, y),) = window.surface(live.object(), 1, seed=begun)
+            yield from window.stroke([(x + 4 * k, y + 3 * k) for k in range(6)])
+        elif what == "redo" or live.sculpt.steps.live:  # not to before the session
+            yield from window.key("Z", ctrl=True, shift=what == "redo")
+        begun += 1
+        flags.say(f"{what} {begun}")
+        yield from pen.settled(window, 60)
+    flags.say("settled")
+    yield from window.wait_until(lambda: flags.is_told("end"), 60)
+    yield from pen.settled(window)
+    return found(live, diary)
+
+
+def found(live, diary: Diary) -> dict:
+    """What this Blender holds in the end, and what it was answered."""
+    sculpt, session = live.sculpt, artist.modules()[0]
+    return {"weights": artist.mesh_weights(), "shown": sculpt.weights, "held": sculpt.held.weights,
+            "start": sculpt.start.weights, "revision": sculpt.revision, "phase": sculpt.phase,
+            "answered": diary.answered, "repeated": diary.repeated, "client": sculpt.client,
+            "generation": session.channel().generation, "told": session.told()}
 
 
 def begin(mesh, joins: str):
     """A session of its own, or that of another."""
     if not joins:
         return artist.start(mesh)
-    import bpy
     session, _ = artist.modules()
     artist.until(lambda: session.channel().state == "ready")
     rigs.activate(mesh)
