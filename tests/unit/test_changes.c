@@ -28,7 +28,8 @@ static void add(struct skd_live *live, uint64_t revision, size_t vertices, bool 
     struct skd_step *step = skd_step_create(vertices, 4);
     assert_non_null(step);
     step->in_history = in_history;
-    const struct skd_change change = {.revision = revision, .cause = "stroke", .step = step};
+    const struct skd_change change = {
+        .revision = revision, .cause = "stroke", .author = {.client = "somebody"}, .step = step};
     skd_changes_add(live, &change);
     skd_step_release(step);
 }
