@@ -10,6 +10,7 @@
 #include "journal/remembered_rows.h"
 #include "journal/source_rows.h"
 #include "journal/step_rows.h"
+#include "session/creation.h"
 #include "session/restore.h"
 
 #include <stdarg.h>
@@ -214,6 +215,8 @@ static enum skd_status name_poses(struct reading *reading, struct skd_error *err
         struct skd_pose *pose = reading->poses.items[named->row].pose;
         status = skd_poses_put(&reading->session->poses, skd_pose_hold(pose), error);
     }
+    if (status == SKD_OK && skd_poses_find(&reading->session->poses, "rest") == NULL)
+        status = skd_session_add_rest_pose(reading->session, error); /* it always exists */
     return status == SKD_TOO_LARGE ? skd_fail(error, SKD_DAMAGED, "there are too many poses")
                                    : status;
 }

@@ -104,11 +104,12 @@ void skd_commit(struct skd_call *call, const struct skd_commit *commit)
     skd_session_advance(live->session);
     call->revision = live->session->revision;
     note_change(call, commit);
+    struct skd_record *record = make_record(call, commit, dropped);
     skd_repeats_remember(call);
     /* One hold for the call, let go of when it is durable, one for this function. */
     skd_live_hold(live);
     skd_live_hold(live);
-    bool waits = append(call, make_record(call, commit, dropped), durable);
+    bool waits = append(call, record, durable);
     skd_call_pass_turn(call);
     if (!waits)
         durable(call);
@@ -124,8 +125,9 @@ void skd_commit_unchanged(struct skd_call *call)
         return;
     }
     call->revision = call->live->session->revision;
+    struct skd_record *record = with_answer(call, skd_record_create_answer());
     skd_repeats_remember(call);
-    skd_commit_record(call, with_answer(call, skd_record_create_answer()));
+    skd_commit_record(call, record);
 }
 
 static void answer_now(void *user)

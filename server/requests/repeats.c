@@ -1,7 +1,6 @@
 /* See repeats.h. */
 #include "requests/repeats.h"
 
-#include "base/log.h"
 #include "session/remembered.h"
 
 bool skd_repeat_answered(struct skd_call *call)
@@ -14,7 +13,11 @@ bool skd_repeat_answered(struct skd_call *call)
     switch (
         skd_remembered_find(&call->live->session->remembered, call->author.id, sequence, &text)) {
     case SKD_SEQUENCE_NEW:
-        return false;
+        if (skd_remembered_reserve(&call->live->session->remembered, call->author.id, &error) ==
+            SKD_OK)
+            return false;
+        skd_call_fail(call, &error);
+        return true;
     case SKD_SEQUENCE_STALE:
         (void)skd_fail(&error, SKD_STALE_SEQUENCE,
                        "sequence %llu is older than the last %d of this client, so nobody knows "
@@ -35,9 +38,8 @@ bool skd_repeat_answered(struct skd_call *call)
 
 void skd_repeats_remember(struct skd_call *call)
 {
-    struct skd_error error;
-    if (call->answer != NULL &&
-        skd_remembered_add(&call->live->session->remembered, call->author.id,
-                           call->request.sequence, call->revision, call->answer, &error) != SKD_OK)
-        skd_log(SKD_LOG_WARNING, "session \"%s\": %s", call->live->name, error.text);
+    if (call->answer != NULL)
+        skd_remembered_put(&call->live->session->remembered, call->author.id,
+                           call->request.sequence, call->revision, call->answer);
+    call->answer = NULL;
 }

@@ -73,7 +73,7 @@ static enum skd_status cut_by_poses(struct skd_session *session,
     return status;
 }
 
-static enum skd_status add_rest_pose(struct skd_session *session, struct skd_error *error)
+enum skd_status skd_session_add_rest_pose(struct skd_session *session, struct skd_error *error)
 {
     int bones = session->rig->skeleton.bone_count;
     struct skd_pose *pose = skd_pose_create("rest", bones);
@@ -111,7 +111,7 @@ enum skd_status skd_session_create(struct skd_rig *rig, const struct skd_influen
         goto fail;
     }
     if ((status = choose_slots(session, influences, options->fill, error)) != SKD_OK ||
-        (status = add_rest_pose(session, error)) != SKD_OK)
+        (status = skd_session_add_rest_pose(session, error)) != SKD_OK)
         goto fail;
     if (session->slots.reduced_count > 0 && options->cut == SKD_CUT_POSED &&
         (status = cut_by_poses(session, influences, options->fill, error)) != SKD_OK)

@@ -22,4 +22,9 @@ skd_session_create(struct skd_rig *rig, const struct skd_influences *influences,
                    const struct skd_session_options *options, struct skd_session **session,
                    struct skd_error *error);
 
+/* The pose that always exists, as the rig has it. Errors: what skd_poses_put says, SKD_NO_MEMORY.
+ */
+SKD_MUST_CHECK enum skd_status skd_session_add_rest_pose(struct skd_session *session,
+                                                         struct skd_error *error);
+
 #endif

@@ -82,6 +82,8 @@ static struct skd_remembered_client *need_client(struct skd_remembered *remember
 {
     struct skd_remembered_client *client = find_client(remembered, id);
     if (client != NULL) {
+        if (client->hh.next == NULL)
+            return client;
         HASH_DEL(remembered->clients, client);
     } else {
         client = calloc(1, sizeof *client);
@@ -100,25 +102,42 @@ static struct skd_remembered_client *need_client(struct skd_remembered *remember
     return client;
 }
 
-enum skd_status skd_remembered_add(struct skd_remembered *remembered, const char *client_id,
-                                   uint64_t sequence, uint64_t revision, const char *answer,
-                                   struct skd_error *error)
+enum skd_status skd_remembered_reserve(struct skd_remembered *remembered, const char *client_id,
+                                       struct skd_error *error)
 {
-    char *text = strdup(answer);
-    struct skd_remembered_client *client = text != NULL ? need_client(remembered, client_id) : NULL;
-    if (client == NULL) {
-        free(text);
-        return skd_fail_memory(error, "an answer to give again");
-    }
+    return need_client(remembered, client_id) != NULL
+               ? SKD_OK
+               : skd_fail_memory(error, "an answer to give again");
+}
+
+void skd_remembered_put(struct skd_remembered *remembered, const char *client_id, uint64_t sequence,
+                        uint64_t revision, char *answer)
+{
+    struct skd_remembered_client *client = find_client(remembered, client_id);
+    SKD_ASSERT(client != NULL);
     if (client->count == SKD_REMEMBERED_ANSWERS_MAX)
         drop_oldest(remembered, client);
     size_t at = client->count++;
     for (; at > 0 && client->answers[at - 1].sequence > sequence; at--)
         client->answers[at] = client->answers[at - 1];
-    client->answers[at] = (struct skd_remembered_answer){sequence, revision, text};
+    client->answers[at] = (struct skd_remembered_answer){sequence, revision, answer};
     remembered->bytes += bytes_of(&client->answers[at]);
     keep_to_bytes(remembered);
-    return SKD_OK;
+}
+
+enum skd_status skd_remembered_add(struct skd_remembered *remembered, const char *client_id,
+                                   uint64_t sequence, uint64_t revision, const char *answer,
+                                   struct skd_error *error)
+{
+    char *text = strdup(answer);
+    if (text == NULL)
+        return skd_fail_memory(error, "an answer to give again");
+    enum skd_status status = skd_remembered_reserve(remembered, client_id, error);
+    if (status == SKD_OK)
+        skd_remembered_put(remembered, client_id, sequence, revision, text);
+    else
+        free(text);
+    return status;
 }
 
 void skd_remembered_each(const struct skd_remembered *remembered,

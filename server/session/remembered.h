@@ -45,8 +45,18 @@ enum skd_remembered_kind skd_remembered_find(const struct skd_remembered *rememb
                                              const char *client_id, uint64_t sequence,
                                              const char **text);
 
-/* Remembers an answer (copied). What is beyond the limits goes, the oldest first. Errors:
- * SKD_NO_MEMORY, and then it is not remembered. */
+/* Makes sure that the client's next answer can be put without asking for memory; the client counts
+ * as the one who spoke last. Errors: SKD_NO_MEMORY. */
+SKD_MUST_CHECK enum skd_status skd_remembered_reserve(struct skd_remembered *remembered,
+                                                      const char *client_id,
+                                                      struct skd_error *error);
+
+/* Remembers an answer (taken over) of the client that was reserved last. What is beyond the limits
+ * goes, the oldest first. */
+void skd_remembered_put(struct skd_remembered *remembered, const char *client_id, uint64_t sequence,
+                        uint64_t revision, char *answer);
+
+/* Both, with a copy of the answer. Errors: SKD_NO_MEMORY, and then it is not remembered. */
 SKD_MUST_CHECK enum skd_status skd_remembered_add(struct skd_remembered *remembered,
                                                   const char *client_id, uint64_t sequence,
                                                   uint64_t revision, const char *answer,

@@ -413,6 +413,24 @@ def test_an_older_file_is_brought_up_to_date(start, folder) -> None:
         assert file.execute("pragma user_version").fetchone() == (2,)
 
 
+def test_the_rest_pose_always_exists(start, folder) -> None:
+    """Found: a damaged file could lose it with the other poses, and no stroke could be made in it."""
+    state = state_of(folder)
+    daemon = start("--state", str(state))
+    with daemon.link() as link:
+        make(link)
+        rest = link.call("pose.evaluate", {"session": "sheet", "pose": "rest"})["positions"]
+    daemon.stop()
+    [path] = state.glob("*.skind")
+    with contextlib.closing(sqlite3.connect(path)) as file:
+        file.executescript("delete from poses")
+    with start("--state", str(state)).link() as link:
+        info = link.call("session.info", {"session": "sheet"})
+        assert info["poses"] == ["rest"] and "poses are lost" in info["damage"]
+        after = link.call("pose.evaluate", {"session": "sheet", "pose": "rest"})["positions"]
+        assert np.array_equal(after, rest)
+
+
 def test_a_newer_file_is_refused_unharmed(start, folder) -> None:
     state = state_of(folder)
     daemon = start("--state", str(state))

@@ -106,6 +106,25 @@ static void the_most_silent_client_goes(void **state)
     skd_remembered_finish(&remembered);
 }
 
+/* What is reserved when a change begins is there when it has its answer. */
+static void reserving_makes_room_and_nothing_else(void **state)
+{
+    (void)state;
+    struct skd_remembered remembered = {0};
+    add(&remembered, "a", 1);
+    add(&remembered, "b", 1);
+    assert_int_equal(skd_remembered_reserve(&remembered, "a", NULL), SKD_OK);
+    assert_int_equal(find(&remembered, "a", 1), SKD_SEQUENCE_REPEATED);
+    assert_int_equal(find(&remembered, "a", 2), SKD_SEQUENCE_NEW);
+    skd_remembered_put(&remembered, "a", 2, 7, strdup("{\"of\":\"a 2\"}"));
+    assert_int_equal(find(&remembered, "a", 2), SKD_SEQUENCE_REPEATED);
+    assert_int_equal(skd_remembered_reserve(&remembered, "c", NULL), SKD_OK);
+    assert_int_equal(find(&remembered, "c", 1), SKD_SEQUENCE_NEW);
+    skd_remembered_put(&remembered, "c", 1, 8, strdup("{\"of\":\"c 1\"}"));
+    assert_int_equal(find(&remembered, "c", 1), SKD_SEQUENCE_REPEATED);
+    skd_remembered_finish(&remembered);
+}
+
 /* Answers as long as a client can make them. */
 static void long_answers_push_others_out(void **state)
 {
@@ -194,6 +213,7 @@ int main(void)
         cmocka_unit_test(a_gap_is_not_stale_before_it_falls_out),
         cmocka_unit_test(the_oldest_answers_go),
         cmocka_unit_test(the_most_silent_client_goes),
+        cmocka_unit_test(reserving_makes_room_and_nothing_else),
         cmocka_unit_test(long_answers_push_others_out),
         cmocka_unit_test(a_copy_forgets_in_the_same_order),
     };
