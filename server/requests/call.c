@@ -108,6 +108,25 @@ void skd_call_answer(struct skd_call *call, cJSON *body)
     }
 }
 
+bool skd_call_prepare(struct skd_call *call, cJSON *body)
+{
+    struct skd_error error;
+    if (skd_encode_answer(call->mode, &call->request.message.id, body, NULL, 0, &call->encoded,
+                          &error) == SKD_OK)
+        return true;
+    skd_call_fail(call, &error);
+    return false;
+}
+
+void skd_call_answer_prepared(struct skd_call *call)
+{
+    if (call->request.message.id.kind == SKD_ID_NONE)
+        skd_encoded_finish(&call->encoded);
+    else
+        skd_call_send(call, &call->encoded, NULL, NULL);
+    end(call);
+}
+
 /* What a call read of its session may be of a revision that still waits for the disk, and nobody
  * hears of that: were the daemon to die, another change would get its number. */
 static bool reads_ahead(const struct skd_call *call)

@@ -47,6 +47,11 @@ void skd_call_answer(struct skd_call *call, cJSON *body);
 void skd_call_finish(struct skd_call *call);
 void skd_call_fail(struct skd_call *call, const struct skd_error *error);
 
+/* For what cannot be taken back: the answer is encoded before it is done. False: the call has
+ * failed and is gone. Then it ends with skd_call_answer_prepared, or failing after all. */
+bool skd_call_prepare(struct skd_call *call, cJSON *body);
+void skd_call_answer_prepared(struct skd_call *call);
+
 /* Stops a call as soon as it can be: one that waits for its turn at once. */
 void skd_call_cancel(struct skd_call *call, enum skd_status why);
 

@@ -12,6 +12,8 @@
 
 static void close_now(struct skd_call *call, struct skd_live *live)
 {
+    if (!skd_call_prepare(call, cJSON_CreateObject()))
+        return;
     live->closer = call;
     skd_session_close(call->daemon, live, SKD_KEEPING_CLOSED, "a client closed it");
 }

@@ -134,7 +134,34 @@ void skd_keeping_begin(struct skd_daemon *daemon, struct skd_live *live,
         live->file_bytes = skd_journal_bytes(live->journal);
 }
 
-/* The file is where it is to be. */
+/* Whether a file that was to be put away could not be. */
+static bool is_left_behind(const struct skd_daemon *daemon, const struct skd_live *live)
+{
+    char path[SKD_STATE_PATH_BYTES];
+    return live->end != SKD_KEEPING_STAYS && live->file[0] != '\0' &&
+           skd_state_path(daemon->keeping.folder, SKD_STATE_OPEN, live->file, path, NULL) ==
+               SKD_OK &&
+           access(path, F_OK) == 0;
+}
+
+static void answer_closer(const struct skd_daemon *daemon, struct skd_live *live)
+{
+    struct skd_call *call = live->closer;
+    struct skd_error error;
+    live->closer = NULL;
+    if (!is_left_behind(daemon, live)) {
+        skd_call_answer_prepared(call);
+        return;
+    }
+    (void)skd_fail(&error, SKD_FILE_IO,
+                   "session \"%s\" is closed, but its file cannot be put away (the log says why): "
+                   "it is open again when skind starts anew",
+                   live->name);
+    skd_encoded_finish(&call->encoded);
+    skd_call_fail(call, &error);
+}
+
+/* The file is where it is to be, as far as that goes. */
 static void ended(void *user)
 {
     struct skd_live *live = user;
@@ -142,8 +169,7 @@ static void ended(void *user)
     if (live->end == SKD_KEEPING_CLOSED && live->file[0] != '\0')
         skd_state_closed(daemon->keeping.folder, live->file);
     if (live->closer != NULL)
-        skd_call_answer(live->closer, cJSON_CreateObject());
-    live->closer = NULL;
+        answer_closer(daemon, live);
     skd_live_release(live);
 }
 

@@ -358,6 +358,8 @@ void skd_handle_session_delete(struct skd_call *call)
     struct skd_error error;
     struct skd_live *live = skd_live_find(daemon, name, &error);
     if (live != NULL) {
+        if (!skd_call_prepare(call, cJSON_CreateObject()))
+            return;
         live->closer = call;
         skd_session_close(daemon, live, SKD_KEEPING_REMOVED, "a client deleted it");
         return;
@@ -366,8 +368,10 @@ void skd_handle_session_delete(struct skd_call *call)
         skd_call_fail(call, &error);
         return;
     }
+    if (!skd_call_prepare(call, cJSON_CreateObject()))
+        return;
     skd_state_remove(path);
-    skd_call_answer(call, cJSON_CreateObject());
+    skd_call_answer_prepared(call);
 }
 
 /* ---- session.verify ------------------------------------------------------------------------ */

@@ -58,7 +58,7 @@ struct skd_live {
     bool renews;                     /* gets a new instance before its next turn */
     bool rewriting;                  /* it is being written anew, or will be in the next turn */
     bool poses_changed;              /* while the file was away */
-    struct skd_call *closer;         /* answered when the file is where it is to be, or NULL */
+    struct skd_call *closer;         /* prepared; answered when the file is where it is to be */
     bool closed;                     /* goes when nobody holds it any more */
     int holds;                       /* calls that wait for the disk, work in the pool */
     struct skd_call *running;        /* the call whose turn it is */

@@ -113,3 +113,30 @@ def test_a_session_closed_while_it_is_verified_stays_closed(folder: Path) -> Non
     with daemon.start().link() as link:
         assert link.call("session.list")["sessions"] == []
     daemon.stop()
+
+
+def end_it(daemon: torture.Daemon, control: Control, method: str, number: int) -> int:
+    """Ends a session of its own while the n-th allocation fails (0: none). Returns how many there
+    were."""
+    who = {"session": f"s{number}"}
+    with daemon.link(timeout=2) as link, contextlib.suppress(ConnectionError, TimeoutError):
+        link.call("session.create", {"name": who["session"], **rigs.sheet(16)})
+        control.arm(MEMORY, number, 1, 0)
+        _, error = answer_of(link, link.send(method, who))
+        control.disarm()
+        names = [row["session"] for row in link.call("session.list")["sessions"]]
+        assert (who["session"] in names) == (error != "")
+    control.disarm()
+    return control.counted()[0]
+
+
+@pytest.mark.skipif(IS_SANITIZED, reason="a sanitizer has malloc for itself")
+@pytest.mark.parametrize("method", ["session.close", "session.delete"])
+def test_ending_a_session_is_done_or_refused(folder: Path, method) -> None:
+    """It was closed, and then there was no memory for saying so: told as refused."""
+    control = Control(folder / "control")
+    daemon = torture.Daemon(folder, environment={
+        "LD_PRELOAD": str(BIN / "libfaults.so"), "SKIND_FAULTS": str(folder / "control")}).start()
+    for number in range(1, end_it(daemon, control, method, 0) + 1):
+        end_it(daemon, control, method, number)
+    daemon.kill()
