@@ -134,6 +134,29 @@ void skd_keeping_begin(struct skd_daemon *daemon, struct skd_live *live,
         live->file_bytes = skd_journal_bytes(live->journal);
 }
 
+static void remove_file(const struct skd_daemon *daemon, const struct skd_live *live)
+{
+    char path[SKD_STATE_PATH_BYTES];
+    if (live->file[0] != '\0' &&
+        skd_state_path(daemon->keeping.folder, SKD_STATE_OPEN, live->file, path, NULL) == SKD_OK)
+        skd_state_remove(path);
+}
+
+void skd_keeping_forget(struct skd_daemon *daemon, struct skd_live *live, void (*done)(void *user),
+                        void *user)
+{
+    struct skd_journal_file *journal = live->journal;
+    live->journal = NULL;
+    live->suspended = false;
+    if (journal == NULL)
+        remove_file(daemon, live);
+    live->file[0] = '\0';
+    if (journal != NULL)
+        skd_journal_close(journal, "", done, user);
+    else
+        done(user);
+}
+
 /* Whether a file that was to be put away could not be. */
 static bool is_left_behind(const struct skd_daemon *daemon, const struct skd_live *live)
 {
@@ -192,7 +215,7 @@ static void write_last(const struct skd_daemon *daemon, const struct skd_live *l
 void skd_keeping_end(struct skd_daemon *daemon, struct skd_live *live, enum skd_keeping_end end)
 {
     const char *folder = daemon->keeping.folder;
-    char path[SKD_STATE_PATH_BYTES], target[SKD_STATE_PATH_BYTES] = "";
+    char target[SKD_STATE_PATH_BYTES] = "";
     struct skd_error error;
     struct skd_journal_file *journal = live->journal;
     live->end = end;
@@ -213,9 +236,8 @@ void skd_keeping_end(struct skd_daemon *daemon, struct skd_live *live, enum skd_
         skd_journal_close(journal, end == SKD_KEEPING_STAYS ? NULL : target, ended, live);
         return;
     }
-    if (end != SKD_KEEPING_STAYS && !keeps && live->file[0] != '\0' &&
-        skd_state_path(folder, SKD_STATE_OPEN, live->file, path, &error) == SKD_OK)
-        skd_state_remove(path);
+    if (end != SKD_KEEPING_STAYS && !keeps)
+        remove_file(daemon, live);
     if (end == SKD_KEEPING_STAYS && live->suspended)
         write_last(daemon, live);
     ended(live);

@@ -44,6 +44,11 @@ bool skd_keeping_reopen(struct skd_daemon *daemon, struct skd_live *live);
 /* "ok", "suspended" or "off". */
 const char *skd_keeping_word(const struct skd_live *live);
 
+/* The session goes on, and is not kept any more: done(user) here when its file is removed. In a
+ * call's turn. */
+void skd_keeping_forget(struct skd_daemon *daemon, struct skd_live *live, void (*done)(void *user),
+                        void *user);
+
 /* The session is closed: its file stays, goes among the closed ones, or is removed; now, or when it
  * is back from where it is away. Of a suspended session that is closed the file has to be written
  * anew before (requests/rewriting.h); when the daemon stops, it is tried here. */

@@ -84,14 +84,20 @@ static cJSON *describe(const struct skd_session *session)
 
 /* ---- session.set -------------------------------------------------------------------------- */
 
+static cJSON *describe_settings(const struct skd_session *session, enum skd_durability durability)
+{
+    cJSON *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(body, "session", session->name);
+    cJSON_AddStringToObject(body, "durability", skd_durability_words[durability]);
+    cJSON_AddNumberToObject(body, "history_bytes", (double)session->history.bytes_max);
+    return body;
+}
+
 static enum skd_status tell_settings(struct skd_call *call, struct skd_error *error)
 {
     const struct skd_session *session = call->live->session;
-    cJSON *body = call->reply.body = cJSON_CreateObject();
     (void)error;
-    cJSON_AddStringToObject(body, "session", call->live->name);
-    cJSON_AddStringToObject(body, "durability", skd_durability_words[session->durability]);
-    cJSON_AddNumberToObject(body, "history_bytes", (double)session->history.bytes_max);
+    call->reply.body = describe_settings(session, session->durability);
     return SKD_OK;
 }
 
@@ -112,27 +118,39 @@ static void answer_settings(struct skd_call *call)
     skd_call_work(call, tell_settings, settings_told);
 }
 
+static void forgotten(void *user)
+{
+    skd_call_answer_prepared(user);
+}
+
+/* Answered when the file is gone: a session that is said not to be kept must not come back. */
+static void set_off(struct skd_call *call)
+{
+    struct skd_session *session = call->live->session;
+    if (!skd_call_prepare(call, describe_settings(session, SKD_DURABILITY_OFF)))
+        return;
+    session->durability = SKD_DURABILITY_OFF;
+    skd_keeping_forget(call->daemon, call->live, forgotten, call);
+}
+
 static void begin_set(struct skd_call *call)
 {
     const struct skd_session_keep_params *params = &call->request.params.session_keep;
-    struct skd_live *live = call->live;
-    struct skd_session *session = live->session;
+    struct skd_session *session = call->live->session;
     enum skd_durability before = session->durability;
     struct keeping_call *state = call->state;
     if (params->history_bytes > 0)
         state->dropped = skd_history_limit(&session->history, (size_t)params->history_bytes);
-    if (params->durability >= 0)
-        session->durability = (enum skd_durability)params->durability;
-    if (before == SKD_DURABILITY_OFF && session->durability != before) {
-        skd_rewriting_run(call, answer_settings);
+    if (params->durability == SKD_DURABILITY_OFF && before != SKD_DURABILITY_OFF) {
+        set_off(call);
         return;
     }
-    if (session->durability == SKD_DURABILITY_OFF && session->durability != before) {
-        skd_keeping_end(call->daemon, live, SKD_KEEPING_REMOVED);
-        live->file[0] = '\0';
-        live->suspended = false;
-    }
-    answer_settings(call);
+    if (params->durability >= 0)
+        session->durability = (enum skd_durability)params->durability;
+    if (before == SKD_DURABILITY_OFF && session->durability != before)
+        skd_rewriting_run(call, answer_settings);
+    else
+        answer_settings(call);
 }
 
 void skd_handle_session_set(struct skd_call *call)

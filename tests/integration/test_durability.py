@@ -157,7 +157,7 @@ def test_durability_can_be_changed(start) -> None:
         before = contents(link)
         make(link, "other")
         stroke(link, 3, "other")
-        link.call("session.set", {"session": "other", "durability": "off"})
+        link.call("session.set", {"session": "other", "durability": "off"})  # answered when its file is gone
     daemon.stop(signal.SIGKILL)
     with start().link() as link:
         assert [item["session"] for item in link.call("session.list")["sessions"]] == ["sheet"]
