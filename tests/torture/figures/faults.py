@@ -150,6 +150,7 @@ class Player:
     def __init__(self, daemon: Daemon) -> None:
         self.daemon = daemon
         self.played = Played()
+        self.has_closed = False
         self.link: Link | None = None
 
     def connect(self) -> Link:
@@ -176,6 +177,12 @@ class Player:
             self.link = None
         return self.connect()
 
+    def _was_done(self, method: str, error: SkindError) -> bool:
+        """Whether this refusal says that an attempt which nobody answered did it."""
+        if method == "session.open" and not self.has_closed:
+            return False  # there is nothing to open, and never was
+        return error.name in ENDED.get(method, ())
+
     def ask(self, index: int, method: str, params: dict) -> None:
         if method in SEQUENCED:
             params = {**params, "sequence": index + 1}
@@ -187,8 +194,8 @@ class Player:
                 link.call(method, params)
                 link.notifications.clear()
             except SkindError as error:
-                if attempt > 0 and error.name in ENDED.get(method, ()):
-                    break  # done by the attempt that nobody answered
+                if attempt > 0 and self._was_done(method, error):
+                    break
                 if method == "session.close" and "is closed, but" in str(error):
                     self.played.comes_back = list(self.played.done)
                     break
@@ -205,6 +212,7 @@ class Player:
             break
         else:
             raise Failed(f"{method} is never answered")
+        self.has_closed |= method == "session.close"
         self.played.done.append(index)
 
 
