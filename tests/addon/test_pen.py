@@ -114,7 +114,8 @@ def test_undo_into_an_earlier_session(window) -> None:
 
 
 def test_what_a_stroke_costs(window) -> None:
-    """The figures of 10k changed of 100k, each the best of some rounds: machines are noisy."""
+    """10k changed of 100k, each the best of some rounds. How long a slice is, a busy machine decides;
+    that it is a small part of the whole, we do."""
     result = window.run("pen.cost", 100_000, 30, 10, seconds=200)
     changed = [row["changed"] for row in result["rows"]]
     assert min(changed) > 9_000 and result["thesis_changed"] > 9_000
@@ -122,5 +123,5 @@ def test_what_a_stroke_costs(window) -> None:
     whole = min(row["whole"] for row in result["rows"])
     print(f"longest slice {1e3 * longest:.1f} ms; whole {1e3 * whole:.0f} ms, "
           f"thesis {1e3 * result['thesis']:.0f} ms: {whole / result['thesis']:.3f}")
-    assert longest <= 0.008
+    assert longest <= 0.1 * whole
     assert whole <= 0.25 * result["thesis"]
