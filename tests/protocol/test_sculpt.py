@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import schemas
 from core import opening
+from core.asks import Stroke
+from core.refitting import refit
 from core.rig import Y_UP
-from core.sculpt import Stroke
 from daemons import BIN
 from tools import Mortal, Other, Tool, V, no_session, rigs, same, sent_and_solved, some
 
@@ -211,7 +212,8 @@ def test_refit_wins_weights_back_and_is_undone(daemon, make_tool, slots):
     wanted = right.copy()
     wanted[4] += 1  # the same pose again: its first positions count
     labels = [f"frame {number}" for number in range(len(poses))]
-    assert sculpt.refit(poses, wanted, labels, slots, lambda *said: answers.append(said)) is not None
+    assert refit(sculpt, poses, wanted, labels, slots,
+                 lambda *said: answers.append(said)) is not None
     tool.settle()
     (result, error), = answers
     assert error is None and result["vertices"] == V
@@ -230,8 +232,8 @@ def test_refit_needs_poses_that_differ(daemon, make_tool):
     pose = tool.pose(0.3)
     places = np.zeros((2, V, 3), np.float32)
     said: list = []
-    assert tool.sculpt.refit(np.array([pose, pose]), places, ["a", "b"], True,
-                             lambda *answer: said.append(answer)) is None
+    assert refit(tool.sculpt, np.array([pose, pose]), places, ["a", "b"], True,
+                 lambda *answer: said.append(answer)) is None
     tool.settle()
     assert said == [] and tool.sculpt.revision == 0
 

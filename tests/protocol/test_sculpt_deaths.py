@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 from core import Launcher, Link
-from core.sculpt import Stroke
+from core.asks import Stroke
 from daemons import BIN
 from tools import SECONDS, Mortal, Other, Tool, V, agree, same, sent_and_solved, some
 

@@ -11,6 +11,7 @@ import sqlite3
 import numpy as np
 import pytest
 from core import opening
+from core.refitting import refit
 from tools import Mortal, Other, Tool, V, no_session, same, sent_and_solved, some
 
 
@@ -99,6 +100,18 @@ def test_what_happens_while_all_is_fetched_counts(start, make_tool):
     tool.settle()
     assert late
     tool.check(late[0].link)
+
+
+def test_a_guard_taken_away_while_the_connection_is_lost(daemon, make_tool):
+    """Found: only a guard that was set was told again, so the daemon kept the old poses."""
+    tool = make_tool().create()
+    tool.sculpt.keep(np.array([tool.pose(angle) for angle in (0.2, -0.3)]), 2)
+    tool.settle()
+    tool.cut()
+    tool.sculpt.keep(None, 2)
+    tool.settle()
+    with daemon.link() as link:
+        assert link.call("guard.get", {"session": "s"})["poses"] == []
 
 
 def test_undone_while_others_were_at_work_on_the_same(daemon, make_tool):
@@ -226,8 +239,8 @@ def test_a_session_that_ends_answers_what_waits(daemon, make_tool):
     tool.until(lambda: tool.sculpt.phase == "lost", budget_s=0.0)
     said: list = []
     poses = np.array([tool.pose(angle) for angle in (0.3, 0.6)])
-    assert tool.sculpt.refit(poses, np.zeros((2, V, 3), np.float32), ["a", "b"], True,
-                             lambda *answer: said.append(answer)) is not None
+    assert refit(tool.sculpt, poses, np.zeros((2, V, 3), np.float32), ["a", "b"], True,
+                 lambda *answer: said.append(answer)) is not None
     opening.leave(tool.sculpt)
     (result, error), = said
     assert result is None and error.name == "lost"
@@ -239,9 +252,9 @@ def test_a_refit_that_is_given_up_without_a_connection(daemon, make_tool):
     tool.until(lambda: tool.sculpt.phase == "lost", budget_s=0.0)
     said: list = []
     poses = np.array([tool.pose(angle) for angle in (0.3, 0.6)])
-    asked = tool.sculpt.refit(poses, np.zeros((2, V, 3), np.float32), ["a", "b"], True,
-                              lambda *answer: said.append(answer))
-    tool.sculpt.cancel(asked)
+    asked = refit(tool.sculpt, poses, np.zeros((2, V, 3), np.float32), ["a", "b"], True,
+                  lambda *answer: said.append(answer))
+    tool.sculpt.asks.cancel(asked)
     tool.settle()
     assert len(said) == 1 and "session.refit" not in tool.methods
 

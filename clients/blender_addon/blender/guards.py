@@ -176,13 +176,13 @@ def gather(live):
         poses = np.concatenate([poses, np.array(by_hand).reshape(-1, *poses.shape[1:])])
         if len(poses) == 0:
             raise jobs.Refused("no pose is kept yet: press Keep This Pose in each")
-    elif sculpt.guard is None:
+    elif not sculpt.guard.is_set:
         return
     answered: list = []
     count = min(64, KEPT + len(live.kept))
     sculpt.keep(poses if len(poses) else None, count, lambda: answered.append(True))
     while not answered:
         yield jobs.WAIT
-    if sculpt.guard is not None:
-        kept = len(sculpt.guarded)
+    if sculpt.guard.is_set:
+        kept = len(sculpt.guard.kept)
         tell(f"Keeps {kept} {'pose' if kept == 1 else 'poses'}, picked from {len(poses)}.")

@@ -22,7 +22,7 @@ import bpy
 import numpy as np
 
 from ..core.presence import called
-from ..core.sculpt import Arrival
+from ..core.replica import Arrival
 from ..core.state import Change
 from . import hands, jobs, mesh, shapes, undo, weights
 from .messages import fault, tell

@@ -145,7 +145,7 @@ class SKIND_PT_poses(Panel, bpy.types.Panel):
         kept = live.kept if live is not None else []
         if kept:
             row.operator("skind.keep_none", text="", icon='X')
-        said = count(len(live.sculpt.guarded), "pose") if live and live.sculpt else ""
+        said = count(len(live.sculpt.guard.kept), "pose") if live and live.sculpt else ""
         if said:
             column.label(text=f"{said} kept" + (f", {len(kept)} by hand" if kept else ""),
                          icon='ARMATURE_DATA')

@@ -25,7 +25,7 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, IntProperty, StringProperty
 
-from ..core import options
+from ..core import options, refitting
 from . import guards, jobs, mesh, rig, session
 from .messages import tell
 from .properties import redraw_views
@@ -159,8 +159,8 @@ def refit(live, source_name: str, first: int, last: int, count: int, other_bones
     poses, positions = yield from sample(live.object_name, source_name, sculpt.rig.names,
                                          sculpt.rig.binds, sculpt.vertices, frames)
     answers: list = []
-    asked = sculpt.refit(poses, positions, [f"frame {frame}" for frame in frames], other_bones,
-                         lambda *answer: answers.append(answer))
+    asked = refitting.refit(sculpt, poses, positions, [f"frame {frame}" for frame in frames],
+                            other_bones, lambda *answer: answers.append(answer))
     if asked is None:
         raise jobs.Refused(f"the armature does not move in the frames {frames[0]} to {frames[-1]}: "
                            "choose frames in which it does")
@@ -169,7 +169,7 @@ def refit(live, source_name: str, first: int, last: int, count: int, other_bones
             yield jobs.WAIT
     finally:
         if not answers:  # it may be done before the daemon reads this; then it is a step to undo
-            sculpt.cancel(asked)
+            sculpt.asks.cancel(asked)
     result, error = answers[0]
     if error is not None:
         raise jobs.Refused(str(error))

@@ -101,7 +101,7 @@ class Session:
         return (sculpt.phase, sculpt.version, sculpt.strokes, sculpt.problem, len(sculpt.pending),
                 sum(stroke.solved for stroke in sculpt.pending), sculpt.unkept, sculpt.damage,
                 self.shown_before,
-                self.is_outside, len(sculpt.guarded), sculpt.presence.version,
+                self.is_outside, len(sculpt.guard.kept), sculpt.presence.version,
                 sculpt.presence.others and int(time.time() // 60),  # since when they are here
                 tuple((pin["pose"], pin["weight"], pin["vertices"]) for pin in sculpt.pins))
 
@@ -313,7 +313,7 @@ class Session:
         self._guard_wanted = True
 
     def _gather_guard(self) -> None:
-        is_needed = bpy.context.scene.skind.keep or self.sculpt.guard is not None
+        is_needed = bpy.context.scene.skind.keep or self.sculpt.guard.is_set
         able = options.can("keep", connection.channel().capabilities)
         may_begin = able and self.sculpt.phase == "ready" and jobs.current() is None
         if self._guard_wanted and is_needed and may_begin:

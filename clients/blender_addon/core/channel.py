@@ -31,6 +31,7 @@ SILENCE_S = 10.0
 NOT_RUNNING = "skind does not run: start it with 'skinctl start'"  # nobody listens, no launcher
 
 Done = Callable[["dict | None", "SkindError | None"], None]
+Request = Callable[[str, dict, Done], "int | None"]  # sends one; what Sculpt.request is
 
 
 class Channel:

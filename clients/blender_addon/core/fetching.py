@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""All that a session has, in the tool's terms. A conversation with the daemon; see Sculpt.follow."""
+"""All that a session has, in the tool's terms. A conversation with the daemon (see talk.py)."""
 
 from __future__ import annotations
 
@@ -35,5 +35,5 @@ def fetch(rig: Rig, space: Space, capabilities: Collection[str]) -> Fetching:
         held = yield "weights.get", {}
         if held["revision"] == listed.get("revision", held["revision"]):
             joints = held["joints"].copy()
-            return Held(held["revision"], held["influences"], joints, State(
+            return Held(held["revision"], joints, State(
                 space.joints(joints).copy(), held["weights"].copy(), rest, shapes))

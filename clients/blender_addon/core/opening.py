@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How a Sculpt gets its session: made from the tool's rig, joined, or resumed after a loss.
 
-Each is a conversation with the daemon, written in one piece (see Sculpt.follow).
+Each is a conversation with the daemon (see talk.py).
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import Generator
 import numpy as np
 
 from .rig import Y_UP, Rig, Space
-from .sculpt import GONE, Sculpt, Talk
+from .sculpt import Sculpt
 from .state import Held, changes_to
-from .wire import SkindError
+from .talk import Talk
+from .wire import GONE, SkindError
 
 NAME_BYTES_MAX = 64
 SAME_PLACE = 1e-5  # of the size: how far a vertex may be off and still be the same
@@ -165,13 +166,13 @@ def _resume(sculpt: Sculpt) -> Talk:
             return
     if sculpt.must_tell:
         held = yield from _tell(sculpt, held)
-        sculpt.guard_is_told = False
+        sculpt.guard.is_told = not sculpt.guard.is_set
         if sculpt.pins:
             sculpt.problem = ("skind was started again, and does not know any more what was "
                               "sculpted in which pose; weights are what they were")
-    if sculpt.guard is not None and not sculpt.guard_is_told:
-        yield "guard.set", sculpt.guard_params()
-        sculpt.guard_is_told = True
+    if not sculpt.guard.is_told:
+        yield "guard.set", sculpt.guard.params()
+        sculpt.guard.is_told = True
     if sculpt.phase == "ended":  # left meanwhile
         yield from _leave(sculpt)
         return
@@ -180,7 +181,7 @@ def _resume(sculpt: Sculpt) -> Talk:
     missed = held is not None or attached["revision"] != sculpt.revision
     sculpt.instance = attached.get("instance", "")
     if held is not None:
-        sculpt.catch_up(held)
+        sculpt.replica.catch_up(held)
     sculpt.resumed(attached["revision"], missed, is_same)
 
 

@@ -14,11 +14,11 @@ from typing import Callable, Sequence
 
 import numpy as np
 
+from .channel import Request
 from .skin import NO_BONE
 from .state import NONE, State
-from .wire import Message, SkindError
+from .wire import GONE, Message, SkindError
 
-Ask = Callable[[str, dict, Callable[["dict | None", "SkindError | None"], None]], object]
 
 
 def tool_name(client: str) -> str:
@@ -75,10 +75,10 @@ class Claim:
 
 
 class Presence:
-    """`ask(method, params, done)` sends a request about the session; `say` tells a refusal."""
+    """`request` sends one about the session; `say` tells a refusal."""
 
-    def __init__(self, ask: Ask, say: Callable[[str], None]) -> None:
-        self._ask, self._say = ask, say
+    def __init__(self, request: Request, say: Callable[[str], None]) -> None:
+        self._request, self._say = request, say
         self.others: list[Other] = []  # the one who came first comes first
         self.own = Claim()
         self.version = 0  # + 1 whenever anything in here changes
@@ -172,10 +172,10 @@ class Presence:
 
     def _tell(self, claim: Claim) -> None:
         def done(result: dict | None, error: SkindError | None) -> None:
-            if error is not None and error.name not in ("lost", "shutting_down"):
+            if error is not None and error.name not in GONE:
                 self._say(str(error))
                 if self.own is claim:
                     self.own = Claim()
                     self.version += 1
 
-        self._ask("session.claim", claim.params(), done)
+        self._request("session.claim", claim.params(), done)

@@ -10,58 +10,38 @@ Two states are kept (see state.py). `held` is the daemon's, as of the last revis
                           history.undo, history.redo, or where its history does not lead there,
                           with weights.set
 
+The daemon's side is replica.py's, and what follows from the tool being ahead writeback.py's; what
+was asked for and has no answer is in asks.py. How a session is opened, joined and resumed is
+opening.py's. Here is what a tool calls and the channel tells, and when it is time for which.
+
 Nothing in here blocks or knows a modelling program. Everything happens in calls of the host and in
-the channel's callbacks, on one thread. How a session is opened, joined and resumed is opening.py's.
+the channel's callbacks, on one thread.
 """
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from dataclasses import dataclass
-from typing import Any, Callable, Generator
+from typing import Any, Callable
 
 import numpy as np
 
 from . import skin
-from .asks import Ask, Done, Stroke
-from .channel import Channel
+from .ahead import Ahead
+from .asks import Ask, Asks, Stroke
+from .channel import Channel, Done
 from .fetching import Fetching, fetch
+from .guard import Guard
+from .pins import Pins
 from .poses import Poses
 from .presence import Presence
+from .replica import Arrival, Replica
 from .rig import Rig, Space
-from .state import NONE, Change, Held, State, changes_to, joined
+from .state import NONE, Change, Held, State
 from .steps import Step, Steps
-from .wire import Message, SkindError
-
-Talk = Generator[tuple[str, dict], dict, None]  # yields requests, is sent their results
-
-GONE = ("lost", "shutting_down")  # errors of a daemon that goes; what was asked is asked again
-SUM_SLACK = 1e-7  # weights.set keeps rows to the bit that sum to one so nearly
-
-
-@dataclass(eq=False)
-class Entry:
-    """A step of the daemon's history; `step` is ours that shows it, once it is shown."""
-
-    step: Step | None = None
-    dropped: bool = False  # its stroke was undone before its answer came
-
-
-@dataclass(frozen=True, eq=False)
-class Arrival:
-    """A change that the daemon has made and the tool has not shown. Its vertices are told whole."""
-
-    cause: str  # "stroke", "undo", "redo", "set", "mirror" and other edits, "resync"
-    client: str
-    change: Change
-    entry: Entry | None = None
-    stroke: Stroke | None = None
-    user: str = ""  # the person at that client, where it was told
-
-    @property
-    def vertices(self) -> np.ndarray:
-        return self.change.vertices
+from .talk import Talk, hold
+from .wire import GONE, Message, SkindError
+from .writeback import WriteBack
 
 
 class Sculpt:
@@ -78,52 +58,55 @@ class Sculpt:
         self.problem = ""  # why it ended, or what went wrong last: one sentence
         self.reason = ""  # why it ended, as the name of an error; "" when it was left
         self.name = ""
-        self.influences = 4
         self.length = 0.0
-        self.revision = 0
         self.instance = ""  # what `revision` is a revision of
         self.unkept = ""  # why what is done is not kept on the disk for now; "" as it should be
         self.damage = ""  # what the session's file had lost
         self.notes: list[dict] = []
         self.slots: dict = {}
         self.strokes = 0
-        self.unreached = 0
         self.last: dict = {}  # the last answer to a stroke, with `seconds`: its whole way
         self.version = 0  # of what is shown and residual together
         self.pending: list[Stroke] = []
-        self.arrived: deque[Arrival] = deque()
-        self.held = State(np.empty((0, 4), np.uint16), np.empty((0, 4), np.float32),
-                          np.empty((0, 3), np.float32))
+        self.asks = Asks(self, self._over)
+        self._ahead = Ahead()
+        self.replica = Replica(client, self.asks, self._ahead)
         self.start = self.held  # as it was opened
         self.steps = Steps(self.held)
         self.residual = np.empty(0, np.float32)  # to the last target, mesh units; NaN: none
         self.poses = Poses()  # that strokes were made in
-        self.pins: list[dict] = []  # as pins.list tells them
-        self.guard: np.ndarray | None = None  # f64 [Q,B,4,4] poses to keep, mesh space
-        self._guard_count = 0
-        self.guard_is_told = True
-        self.guarded: list[dict] = []  # which of them the daemon has picked
         self.space = Space(rig)
-        self.presence = Presence(self._request, self._say)
+        self.presence = Presence(self.request, self._say)
+        self.pins = Pins(self.request)
+        self.guard = Guard(self.request, self._say)
         self.creation: dict = {}  # how it was made, to make it again
         self.source = ""  # the file it was made from, if it was
         self.is_ours = False
         self.must_tell = False  # the session was made again, and lacks what was answered before
         self.first_joints: np.ndarray | None = None  # of revision 0, as the daemon counts bones
-        self._asks: list[Ask] = []  # what has no answer, in order
+        self._write_back = WriteBack(self.asks, self.replica, self._ahead, self._resync, self._say)
         self._fetches: set[object] = set()  # that are under way
-        self._late: list[tuple[Stroke, Change]] = []  # answered; an update that covers it comes
         self._early: list[Message] = []  # told while the session is being opened
-        self._behind = 0  # up to this revision updates tell what was missed
-        self._due = 0  # and up to this one they come
-        # Numbers our changes; above those of an earlier session of this connection (1/4096 ms).
-        self._sequence = int(time.time() * 1000) << 12
-        self._done: list[Entry] = []  # the daemon's history as far as we saw it grow
-        self._undone: list[Entry] = []
-        self._hops: list[tuple[str, Step]] = []  # ours that the daemon has not followed
-        self._led: list[np.ndarray] = []  # vertices on which the tool may be ahead
         self._poses_sent: set[str] = set()
-        self._pins_at = -1  # the revision of `pins`
+
+    @property
+    def held(self) -> State:
+        """What the daemon holds."""
+        return self.replica.held
+
+    @property
+    def revision(self) -> int:
+        """Of the daemon's, the last that was heard of."""
+        return self.replica.revision
+
+    @property
+    def arrived(self) -> deque[Arrival]:
+        """What waits to be shown, in order; the tool takes it out, and then says show()."""
+        return self.replica.arrived
+
+    @property
+    def influences(self) -> int:
+        return self.replica.influences
 
     @property
     def shown(self) -> State:
@@ -157,93 +140,49 @@ class Sculpt:
     @property
     def is_settled(self) -> bool:
         """Nothing is under way that would change weights: a good moment to show what arrived."""
-        return (not self._asks and not self._fetches and not self._late
-                and self.revision >= self._due
+        return (not self.asks and not self._fetches and self.replica.is_current
                 and all(stroke.is_answered for stroke in self.pending))
 
     # ---- talking ----
 
     def follow(self, talk: Talk) -> None:
-        """Holds a conversation: each request that it yields is sent, its result sent back in."""
+        """Holds a conversation with the daemon. One that fails is the end of the session."""
+        hold(talk, self.request, self._refused)
 
-        def go_on(result: dict | None, error: SkindError | None) -> None:
-            try:
-                method, params = talk.throw(error) if error is not None else talk.send(result)
-            except StopIteration:
-                return
-            except SkindError as refused:
-                if refused.name in GONE:
-                    self.lost()
-                elif self.phase != "ended":
-                    self.end(str(refused), refused.name)
-                return
-            self._request(method, params, go_on)
+    def _refused(self, error: SkindError) -> None:
+        if error.name in GONE:
+            self.lost()
+        elif self.phase != "ended":
+            self.end(str(error), error.name)
 
-        go_on(None, None)
-
-    def _request(self, method: str, params: dict, done) -> int | None:
+    def request(self, method: str, params: dict, done: Done) -> int | None:
+        """Sends a request about the session."""
         if self.channel.state != "ready":
             done(None, SkindError(0, "lost", "skind is not connected", retryable=True))
             return None
         return self.channel.request(method, {"session": self.name, **params}, done)
 
-    def _change(self, method: str, params: dict, done: Done, *, vertices: np.ndarray = NONE,
-                stroke: Stroke | None = None, replays: bool = True) -> Ask:
-        """Asks for a change; while there is no connection it waits for the next one. See Ask."""
-        ask = Ask(method, params, done, vertices, stroke, replays)
-        self._asks.append(ask)
-        if self.phase == "ready":
-            self._send(ask)
-        elif self.phase == "ended":
-            self._give_up(ask)
-        return ask
+    def need_pose(self, name: str) -> None:
+        """The daemon must know this pose; one of another tool's it does know."""
+        pose = self.poses.get(name)
+        if pose is not None and name not in self._poses_sent:
+            self._poses_sent.add(name)
+            self.request("pose.set", self.pose_params(name), lambda *_: None)
 
-    def _send(self, ask: Ask) -> None:
-        if self.channel.state != "ready":
-            return  # the loss was not told yet; it is sent when resumed
-        for name in ask.poses:
-            self._need_pose(name)
-        if not ask.sequence and "sequence" in self.channel.capabilities:
-            self._sequence += 1
-            ask.sequence = self._sequence
-        numbered = {"sequence": ask.sequence} if ask.sequence else {}
-        if ask.stroke is not None:
-            ask.stroke.chunks.clear()
-        ask.request = self._request(ask.method, {**ask.params, **numbered},
-                                    lambda result, error: self._answered(ask, result, error))
-        if ask.is_cancelled:
-            self.channel.cancel(ask.request)
+    def pose_params(self, name: str) -> dict:
+        """As pose.set takes a pose that a stroke was made in."""
+        return {"pose": name, "matrices": self.space.pose(self.poses.get(name).matrices)}
 
-    def _answered(self, ask: Ask, result: dict | None, error: SkindError | None) -> None:
-        if error is not None and error.name in GONE and self.phase != "ended":
-            ask.request, ask.in_doubt = None, True  # it is sent again when resumed
-            return
-        self._asks.remove(ask)
-        ask.request = None
+    def _over(self, ask: Ask, result: dict | None, error: SkindError | None) -> None:
+        """It was answered, or given up."""
         if result is not None:
-            self._due = max(self._due, result["revision"])
+            self.replica.expect(result["revision"])
+        if ask.is_given_up and ask.in_doubt:
+            self._ahead.mark(ask.vertices)  # it was done or not: what is shown counts
         ask.done(result, error)
-        self._reveal(ask)
-        self._settle()
-
-    def cancel(self, ask: Ask) -> None:
-        """Asks for a change to be given up; it is answered all the same."""
-        if ask not in self._asks:
-            return
-        if ask.request is not None:  # it may be done before the daemon reads this
-            self.channel.cancel(ask.request)
-        elif ask.in_doubt and ask.sequence:
-            ask.is_cancelled = True  # it is sent again, to hear what became of it
-        else:
-            self._give_up(ask)
-
-    def _give_up(self, ask: Ask) -> None:
-        """Nobody will know what became of it; what is shown counts."""
-        self._asks.remove(ask)
-        if ask.in_doubt:
-            self._led.append(ask.vertices)
-        ask.done(None, SkindError(0, "lost", "the connection to skind was lost", retryable=True))
-        self._reveal(ask)
+        self.replica.reveal(ask)
+        if not ask.is_given_up:
+            self._settle()
 
     def _say(self, problem: str) -> None:
         self.problem = problem
@@ -253,8 +192,7 @@ class Sculpt:
         self.phase = "ended"
         self.problem, self.reason = problem, reason
         self.presence.end()
-        for ask in [each for each in self._asks if each.request is None and each.stroke is None]:
-            self._give_up(ask)
+        self.asks.end()
 
     # ---- strokes ----
 
@@ -273,23 +211,12 @@ class Sculpt:
         return stroke
 
     def _ask_stroke(self, stroke: Stroke) -> None:
-        stroke.ask = self._change(
+        stroke.ask = Ask(
             "stroke.apply",
             {"pose": stroke.pose_name, "vertices": stroke.vertices,
              "positions": self.space.points(stroke.targets), **stroke.options},
-            lambda result, error: self._answer(stroke, result, error),
-            vertices=stroke.vertices, stroke=stroke)
-
-    def _need_pose(self, name: str) -> None:
-        """The daemon must know this pose; one of another tool's it does know."""
-        pose = self.poses.get(name)
-        if pose is not None and name not in self._poses_sent:
-            self._poses_sent.add(name)
-            self._request("pose.set", self.pose_params(name), lambda *_: None)
-
-    def pose_params(self, name: str) -> dict:
-        """As pose.set takes a pose that a stroke was made in."""
-        return {"pose": name, "matrices": self.space.pose(self.poses.get(name).matrices)}
+            lambda result, error: self._answer(stroke, result, error), stroke.vertices, stroke)
+        self.asks.add(stroke.ask)
 
     def _answer(self, stroke: Stroke, result: dict | None, error: SkindError | None) -> None:
         if (error is not None and error.name == "unsupported" and not stroke.dropped
@@ -302,70 +229,18 @@ class Sculpt:
             return
         stroke.seconds = time.monotonic() - stroke.begun
         stroke.result, stroke.error = result, error
-        if result is None:
-            return
-        change = joined(stroke.chunks, self.influences)
-        stroke.chunks.clear()
-        if "residuals" not in result:  # it was done before, and its arrays went with the connection
-            result["residuals"] = np.full(len(stroke.vertices), np.nan, np.float32)
-            self._take_late(stroke, self.held.of(stroke.vertices))
-        elif self._is_next(result):
-            self.revision = result["revision"]
-            self.held.put(change)
-            self._take_answer(stroke, change)
-        elif result["vertices"]:
-            self._take_late(stroke, change)
-        else:
-            self._take_answer(stroke, change)
-
-    def _is_next(self, result: dict) -> bool:
-        """Whether what we know of our own change is all that we lack; else an update that covers
-        it comes, or came (protocol/PROTOCOL.md, Revisions)."""
-        return (result["vertices"] > 0 and result["revision"] == self.revision + 1
-                and not result.get("repeated"))
-
-    def _take_answer(self, stroke: Stroke, change: Change) -> None:
-        """The stroke's change is in `held`."""
-        entry = None
-        if stroke.result["vertices"]:
-            entry = self._remember(Entry(dropped=stroke.dropped))
-            if stroke.result["revision"] < self.revision:
-                self._forget_history()  # the steps after it were not told one by one
-        if stroke.dropped:
-            self._led.append(change.vertices)
-        else:
-            self._arrive("stroke", self.client, change, entry, stroke)
-            stroke.ask.hidden = [(np.setdiff1d(those, change.vertices), shape)
-                                 if shape in ("", change.shape) else (those, shape)
-                                 for those, shape in stroke.ask.hidden]
-
-    def _take_late(self, stroke: Stroke, change: Change) -> None:
-        self._late.append((stroke, change))
-        self._take_covered()
-
-    def _take_covered(self) -> None:
-        """Strokes that were answered, and whose revision `held` has reached since."""
-        for late in [each for each in self._late if each[0].result["revision"] <= self.revision]:
-            stroke, change = late
-            self._late.remove(late)
-            # A vertex that has a corrective shape keeps it with any stroke in its pose.
-            shape = stroke.pose_name if stroke.pose_name in self.held.shapes else ""
-            self._take_answer(stroke, self.held.of(change.vertices, shape=shape))
-            self._reveal(stroke.ask)
+        if result is not None:
+            self.replica.stroke_answered(stroke)
 
     def drop(self, stroke: Stroke) -> None:
         """The stroke was undone before it was shown."""
         stroke.dropped = True
         self.pending.remove(stroke)
-        self.cancel(stroke.ask)
-        for arrival in [each for each in self.arrived if each.stroke is stroke]:
-            self.arrived.remove(arrival)
-            if arrival.entry is not None:
-                arrival.entry.dropped = True
-            self._led.append(arrival.vertices)
+        self.asks.cancel(stroke.ask)
+        self.replica.drop(stroke)
         self._settle()
 
-    # ---- edits, pins and guards ----
+    # ---- edits, pins and the guard ----
 
     def edit(self, method: str, params: dict,
              on_done: Callable[[dict], None] = lambda result: None) -> None:
@@ -378,79 +253,25 @@ class Sculpt:
             if result is None:
                 self.problem = str(error)
                 return
-            # Of pins alone, which nobody tells who asked.
-            if method in ("pins.weigh", "pins.clear") and self._is_next(result):
-                self.revision = result["revision"]
-                nothing = Change(NONE, np.empty((0, self.influences), np.float32))
-                self._arrive("pins", self.client, nothing, self._remember(Entry()))
+            if method in ("pins.weigh", "pins.clear"):
+                self.replica.pins_answered(result)
             on_done(result)
 
-        self._change(method, params, done)
+        self.asks.add(Ask(method, params, done))
 
     def ask_pins(self) -> None:
         """Has `pins` told anew if something was done since."""
-        if (self._pins_at == self.revision or self.phase != "ready" or not self.is_settled
-                or "pins" not in self.channel.capabilities):
-            return
-        self._pins_at = self.revision
-
-        def done(result: dict | None, error: SkindError | None) -> None:
-            if result is not None:
-                self.pins = result["pins"]
-
-        self._request("pins.list", {}, done)
+        if self.phase == "ready" and self.is_settled and "pins" in self.channel.capabilities:
+            self.pins.ask(self.revision)
 
     def keep(self, poses: np.ndarray | None, count: int,
              on_done: Callable[[], None] = lambda: None) -> None:
         """Poses f64 [Q,B,4,4] that should stay as they are; the daemon picks `count` of them that
         are far from each other. None: no poses."""
-        self.guard, self._guard_count = poses, count
-        self.guard_is_told = False  # it is told again when resumed
-
-        def done(result: dict | None, error: SkindError | None) -> None:
-            self.guard_is_told = error is None or error.name not in GONE
-            if result is not None:
-                self.guarded = result["poses"]
-            elif self.guard_is_told:
-                self.guard, self.guarded, self.problem = None, [], str(error)
-            on_done()
-
-        self._request("guard.set", self.guard_params(), done)
-
-    def refit(self, poses: np.ndarray, positions: np.ndarray, labels: list[str], other_bones: bool,
-              on_done: Done) -> Ask | None:
-        """Asks for weights that bring all vertices to positions f32 [P,V,3], mesh space, in poses
-        f64 [P,B,4,4]. It arrives; on_done hears of the answer. Returns what to cancel.
-
-        Of poses that are the same the first counts. None and no word to on_done: they all are.
-        """
-        chosen: dict[str, int] = {}
-        for index, (pose, label) in enumerate(zip(poses, labels)):
-            chosen.setdefault(self.poses.need(pose, self.length, label).name, index)
-        if len(chosen) < 2:
-            return None
-        wanted = positions[list(chosen.values())].reshape(-1, 3)
-        return self._change("session.refit", {
-            "poses": list(chosen), "positions": self.space.points(wanted),
-            "slots": "evidence" if other_bones else "keep"}, on_done)
-
-    def guard_params(self) -> dict:
-        if self.guard is None:
-            return {}
-        matrices = np.concatenate([self.space.pose(pose) for pose in self.guard])
-        return {"matrices": matrices, "count": self._guard_count}
+        told = None if poses is None else np.concatenate([self.space.pose(pose) for pose in poses])
+        self.guard.set(told, count, on_done)
 
     # ---- what the daemon did ----
-
-    def _arrive(self, cause: str, client: str, change: Change, entry: Entry | None = None,
-                stroke: Stroke | None = None, user: str = "") -> None:
-        """A change that is in `held` already waits to be shown."""
-        self.arrived.append(Arrival(cause, client, self.held.whole(change), entry, stroke, user))
-
-    def _remember(self, entry: Entry) -> Entry:
-        self._done.append(entry)
-        self._undone.clear()
-        return entry
 
     def notice(self, message: Message) -> None:
         """A notification of the channel's; those of other sessions are not for us."""
@@ -479,7 +300,7 @@ class Sculpt:
             self.notice(message)
 
     def _notice_chunk(self, params: dict) -> None:
-        stroke = next((ask.stroke for ask in self._asks if ask.request == params["request"]), None)
+        stroke = self.asks.stroke_of(params["request"])
         if stroke is not None:
             stroke.chunks.append(self.space.change(params))
             stroke.solved = params["first"] + params["count"]
@@ -487,53 +308,11 @@ class Sculpt:
     def _notice_update(self, params: dict) -> None:
         if params["revision"] <= self.revision:
             return  # what we fetched holds it already
-        is_missed = params.get("since", self.revision) > self.revision
-        self.revision = params["revision"]
         self.instance = params.get("instance", self.instance)
-        if params.get("resync") or is_missed:
-            self._forget_history()
+        if self.replica.update(params, self.space):
+            self._settle()
+        else:
             self._resync()
-            return
-        change = self.space.change(params)
-        self.held.put(change)
-        if self._tells_late(params):
-            self._forget_history()
-            self._take_missed(change.vertices, change.shape)
-        else:
-            self._take_notice(params, change)
-        self._take_covered()
-        self._settle()
-
-    def _tells_late(self, params: dict) -> bool:
-        """Whether it tells several changes at once, or what was done while we were away."""
-        return ("changes" in params or self.revision <= self._behind
-                or (params["client"] == self.client and any(ask.in_doubt for ask in self._asks)))
-
-    def _is_shown_late(self, change: Change) -> bool:
-        """Whether it is one of our strokes, whose answer says what to do with it."""
-        if any(stroke.result["revision"] == self.revision for stroke, _ in self._late):
-            return True
-        streamed = [joined(ask.stroke.chunks, self.influences)
-                    for ask in self._asks if ask.stroke is not None]
-        return any(each.shape == change.shape and np.array_equal(each.vertices, change.vertices)
-                   and np.array_equal(each.weights, change.weights) for each in streamed)
-
-    def _take_notice(self, params: dict, change: Change) -> None:
-        """What was done, by whom; the change is in `held`."""
-        cause = params["cause"]
-        if params["client"] == self.client and cause == "stroke" and self._is_shown_late(change):
-            return
-        if params["client"] == self.client and cause in ("undo", "redo", "set"):
-            self._led.append(change.vertices)  # ours; _settle() looks whether it did what it should
-            return
-        entry = None
-        if cause == "undo":  # of a step from before we listened, too
-            self._undone.append(self._done.pop() if self._done else Entry())
-        elif cause == "redo":
-            self._done.append(self._undone.pop() if self._undone else Entry())
-        else:
-            entry = self._remember(Entry())
-        self._arrive(cause, params["client"], change, entry, user=params.get("user", ""))
 
     def take_info(self, info: dict) -> None:
         """What session.info tells of how the session is kept."""
@@ -556,41 +335,10 @@ class Sculpt:
                     held = yield from self.fetch()
             finally:
                 self._fetches.discard(mark)
-            self.catch_up(held, scaled)
+            self.replica.catch_up(held, scaled)
             self._settle()
 
         self.follow(talk())
-
-    def catch_up(self, held: Held, scaled: np.ndarray = NONE) -> None:
-        """All that the daemon has was fetched: what is new in it arrives, `scaled` anyway."""
-        before, self.held, self.revision = self.held, held.state, held.revision
-        self._take_covered()
-        self._take_missed(np.union1d(self.held.differing(before), scaled).astype(np.uint32))
-        for name, reshaped in self.held.reshaped(before):
-            self._take_missed(reshaped, name)
-
-    def _take_missed(self, vertices: np.ndarray, shape: str = "") -> None:
-        """Something was done to these, which `held` has already. It arrives, but not where the tool
-        is ahead, nor before the answer where what was asked for may have done it."""
-        for those in self._led:
-            vertices = np.setdiff1d(vertices, those)
-        for ask in self._asks + [stroke.ask for stroke, _ in self._late]:
-            own = np.intersect1d(vertices, ask.vertices)
-            if len(own):
-                ask.hidden.append((own, shape))
-                vertices = np.setdiff1d(vertices, own)
-        if len(vertices):
-            self._arrive("resync", "", self.held.of(vertices, shape=shape))
-
-    def _reveal(self, ask: Ask) -> None:
-        """It has its answer: what was done before or after it arrives, too."""
-        hidden, ask.hidden = ask.hidden, []
-        for vertices, shape in hidden:
-            self._take_missed(vertices, shape)
-
-    def _forget_history(self) -> None:
-        self._done.clear()
-        self._undone.clear()
 
     # ---- what the tool did ----
 
@@ -613,7 +361,6 @@ class Sculpt:
         stroke = arrival.stroke
         self.pending.remove(stroke)
         self.strokes += 1
-        self.unreached = stroke.result["unreached"]
         self.last = {**stroke.result, "seconds": stroke.seconds}
         self.residual[stroke.vertices] = stroke.result["residuals"]
 
@@ -646,17 +393,8 @@ class Sculpt:
         path = self.steps.go(state)
         if path is None:
             return None
-        hops = [("undo", step) for step in path[0]] + [("redo", step) for step in path[1]]
-        for hop in hops:
-            opposite = ("redo" if hop[0] == "undo" else "undo", hop[1])
-            if self._hops and self._hops[-1] == opposite:
-                self._hops.pop()
-            else:
-                self._hops.append(hop)
-        touched = [hop[1].vertices for hop in hops]
-        self._led += touched
+        vertices = self._ahead.hop(*path)
         self.version += 1
-        vertices = np.unique(np.concatenate(touched)) if touched else np.empty(0, np.uint32)
         self.residual[vertices] = np.nan
         self._settle()
         return vertices
@@ -664,8 +402,8 @@ class Sculpt:
     def painted(self, vertices: np.ndarray, rows: np.ndarray) -> Step:
         """The tool changed weights by itself: a new state, which the daemon is told."""
         step = self.steps.add(Change(vertices, rows))
-        self._hops.clear()
-        self._led.append(vertices)
+        self._ahead.forget_hops()
+        self._ahead.mark(vertices)
         self.version += 1
         self.residual[vertices] = np.nan
         self._settle()
@@ -675,63 +413,8 @@ class Sculpt:
         """Where the tool is ahead and nothing else is under way, makes the daemon follow."""
         if self.phase != "ready" or self.channel.state != "ready":
             return  # the loss may not have been told yet
-        if not self.is_settled or self.arrived or not self._led:
-            return
-        if self._done and self._done[-1].dropped:
-            self._go("history.undo", self._done, self._undone)
-            return
-        if self._hops:
-            verb, step = self._hops.pop(0)
-            origin, goal = (self._done, self._undone) if verb == "undo" else (self._undone,
-                                                                              self._done)
-            if origin and origin[-1].step is step:
-                self._go(f"history.{verb}", origin, goal)
-                return
-            self._hops.clear()
-        for entry in self._done:
-            entry.dropped = False  # whatever was left of them is put right below
-        led = np.unique(np.concatenate(self._led))
-        self._led.clear()
-        ahead = changes_to(self.shown, self.held, led)
-        if ahead:
-            self._set(ahead[0])
-            self._led += [change.vertices for change in ahead[1:]]
-
-    def _go(self, method: str, origin: list[Entry], goal: list[Entry]) -> None:
-        entry = origin[-1]
-
-        def done(result: dict | None, error: SkindError | None) -> None:
-            if result is not None and origin and origin[-1] is entry:
-                goal.append(origin.pop())
-                entry.dropped = False  # what redoes it is another's wish
-            else:
-                self._forget_history()  # the daemon's is another: set the rows instead
-
-        vertices = NONE if entry.step is None else entry.step.vertices
-        self._change(method, {}, done, vertices=vertices, replays=False)
-
-    def _set(self, change: Change) -> None:
-        vertices = change.vertices
-
-        def done(result: dict | None, error: SkindError | None) -> None:
-            if result is not None:
-                if self._is_next(result):
-                    self.revision = result["revision"]
-                    self.held.put(change)
-                    self._remember(Entry())
-                sums = change.weights.sum(axis=1, dtype=np.float64)
-                if result["vertices"] != len(vertices) or (abs(sums - 1) > SUM_SLACK).any():
-                    self._resync(vertices)  # twins went with them, or rows were scaled
-                else:
-                    self._led.append(vertices)  # another's change may arrive on top of these
-            elif error.name in GONE:
-                self._led.append(vertices)
-            else:
-                self.problem = str(error)
-                self._arrive("resync", "", self.held.of(vertices, shape=change.shape))
-
-        self._change("weights.set", self.space.params(change), done, vertices=vertices,
-                     replays=False)
+        if self.is_settled and not self.arrived:
+            self._write_back.go_on(self.shown, self.space)
 
     # ---- the connection ----
 
@@ -744,26 +427,18 @@ class Sculpt:
             return
         self.phase = "lost"
         self.presence.lost()
+        self.asks.lost()
+        self.replica.lost()
+        self.pins.lost()
         self._fetches.clear()
-        # What was answered and not told comes with the same answer again.
-        for stroke, _ in self._late:
-            stroke.result, stroke.ask.in_doubt = None, True
-        self._asks[:0] = [stroke.ask for stroke, _ in self._late]
-        self._late.clear()
         self._early.clear()
-        self._behind = self._due = 0
         self._poses_sent.clear()
-        self._pins_at = -1
-        for ask in self._asks:
-            ask.in_doubt |= ask.request is not None
-            ask.request = None
 
     def adopt(self, held: Held) -> None:
         """A session was opened: takes what it has as the start, and is ready."""
         assert self.phase in ("creating", "joining")
-        self.revision, self.influences = held.revision, held.influences
+        self.replica.adopt(held)
         self.first_joints = held.joints if held.revision == 0 else None
-        self.held = held.state
         self.start = self.held.copy()
         self.steps = Steps(self.held.copy())
         self.residual = np.full(len(self.joints), np.nan, np.float32)
@@ -777,17 +452,8 @@ class Sculpt:
         `revision`: what happened up to it comes as updates. `missed`: others may have been at work.
         `remembers`: it is the session that it was, with the answers that it gave.
         """
-        self._behind = self._due = revision
-        if missed:
-            self._forget_history()
-            self._hops.clear()
+        self.replica.resumed(revision, missed)
         self.phase = "ready"
-        for ask in list(self._asks):
-            knows = remembers and ask.in_doubt and ask.sequence  # it tells what became of it
-            if (ask.is_cancelled or not ask.replays) and not knows or missed and not ask.replays:
-                self._give_up(ask)
-                continue
-            ask.in_doubt &= remembers
-            self._send(ask)
+        self.asks.resume(missed, remembers)
         self._take_early()
         self._settle()

@@ -156,7 +156,6 @@ class Held:
     """All that a session has, as it was fetched; `joints` as the daemon counts bones."""
 
     revision: int
-    influences: int
     joints: np.ndarray
     state: State
 

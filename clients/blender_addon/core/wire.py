@@ -21,6 +21,7 @@ JSON_BYTES_MAX = 4 << 20
 LINE_BYTES_MAX = 1 << 20  # of what is sent; answers in lines may be longer
 BUFFERS_MAX = 16
 PROTOCOL = {"min": 1, "max": 1}
+GONE = ("lost", "shutting_down")  # errors of a daemon that goes; what was asked is asked again
 
 DTYPES = {name: np.dtype(code) for name, code in
           {"u8": "u1", "u16": "<u2", "u32": "<u4", "i32": "<i4", "f32": "<f4", "f64": "<f8"}.items()}

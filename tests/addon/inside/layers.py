@@ -55,7 +55,7 @@ def two_poses() -> dict:
         for degrees in poses:
             rigs.bend(rig, degrees)
             apart[degrees] = float(artist.apart(rigs.posed(mesh), wanted[degrees]).max())
-        artist.until(lambda: live.sculpt._pins_at == live.sculpt.revision)
+        artist.until(lambda: live.sculpt.pins.revision == live.sculpt.revision)
         artist.until(artist.is_settled)
         pins = live.sculpt.pins
         found[how] = {"apart": list(apart.values()), "pins": [pin["vertices"] for pin in pins],
@@ -73,7 +73,7 @@ def same_pose() -> dict:
         rig.location.x += 0.37  # the character as a whole: the pose is the same
         bpy.context.view_layer.update()
         artist.stroke(mesh, 1030, 0.3, 0.02)
-    artist.until(lambda: live.sculpt._pins_at == live.sculpt.revision)
+    artist.until(lambda: live.sculpt.pins.revision == live.sculpt.revision)
     artist.until(artist.is_settled)
     names = [pin["pose"] for pin in live.sculpt.pins]
     artist.edit("pins.weigh", {"pose": names[0], "weight": 3.0})
@@ -83,7 +83,7 @@ def same_pose() -> dict:
     changed = artist.mesh_weights().tobytes() != before.tobytes()
     equal = artist.equal()
     artist.edit("pins.clear", {})
-    artist.until(lambda: live.sculpt._pins_at == live.sculpt.revision)
+    artist.until(lambda: live.sculpt.pins.revision == live.sculpt.revision)
     artist.until(artist.is_settled)
     left = len(live.sculpt.pins)
     artist.stop("cancel")
@@ -157,7 +157,7 @@ def kept(where: str) -> dict:
             for frame in (10, 21, 41):
                 scene.frame_set(frame)
                 bpy.ops.skind.keep_pose()
-        artist.until(lambda: (live.sculpt.guard is not None) == keep and artist.is_settled())
+        artist.until(lambda: live.sculpt.guard.is_set == keep and artist.is_settled())
         before = []
         for frame in range(1, 42, 4):
             scene.frame_set(frame)
@@ -178,7 +178,7 @@ def kept(where: str) -> dict:
             scene.frame_set(frame)
             moved.append(artist.apart(rigs.posed(mesh), shape))
         found[keep] = {"edited": edited, "moved": float(np.mean(moved)), "equal": artist.equal(),
-                       "poses": len(live.sculpt.guarded), "told": artist.modules()[0].told()}
+                       "poses": len(live.sculpt.guard.kept), "told": artist.modules()[0].told()}
         artist.stop("finish")
         settings.keep = False
     return found

@@ -139,11 +139,11 @@ def states(window: Window, folder: str) -> Steps:
     settings.keep, settings.keep_from = True, 'HAND'
     with window.context():
         bpy.ops.skind.keep_pose()
-    yield from window.wait_until(lambda: live.sculpt.guarded and live.sculpt.pins)
+    yield from window.wait_until(lambda: live.sculpt.guard.kept and live.sculpt.pins)
     yield from window.wait_until(artist.is_settled)
     with opened(panel_options.SKIND_PT_poses), away(panel_options.SKIND_PT_options):
         yield from picture("poses")
-    pins, kept = len(live.sculpt.pins), len(live.sculpt.guarded)
+    pins, kept = len(live.sculpt.pins), len(live.sculpt.guard.kept)
     yield from shared(window, picture)
     yield from full_disk(window, mesh, picture)
     live.cancel()

@@ -281,12 +281,12 @@ def _poses(window: Window, album: Album, live: object) -> Steps:
     settings.keep_from, settings.keep = 'HAND', True
     with window.context():
         bpy.ops.skind.keep_pose()
-    yield from window.wait_until(lambda: live.sculpt.guarded and live.sculpt.pins, SECONDS)
+    yield from window.wait_until(lambda: live.sculpt.guard.kept and live.sculpt.pins, SECONDS)
     with panels.opened(panel_options.SKIND_PT_poses), panels.away(panel.SKIND_PT_seeing):
         yield from window.drawn()
         yield from album.panel("panel-poses")
     settings.keep = False
-    yield from window.wait_until(lambda: live.sculpt.guard is None, SECONDS)
+    yield from window.wait_until(lambda: not live.sculpt.guard.is_set, SECONDS)
     yield from _settled(window)
     live.kept.clear()
 
